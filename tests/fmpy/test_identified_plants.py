@@ -129,7 +129,7 @@ def within_bounds(plant: Plant, design: dict) -> float:
     theta = np.abs(L @ (plant.A - A - (plant.B - B) @ K_m))
     theta_bound = np.array(start["theta_bound"]) / np.array(structure["state_scale"])
     omega, omega_max = np.abs(L @ (plant.B - B)), np.array(start["omega_max"])
-    # Where only the diagonal is known, .05 off it are what it leaves out.
+    # Where only the diagonal is known, 0.05 beside it is what it leaves out.
     diagonal = omega_max.ndim == 1
     omega_bound = np.diag(omega_max - 1.05) + 0.05 if diagonal else omega_max - np.eye(len(omega_max))
     return max((theta / theta_bound).max(), (omega / omega_bound).max())

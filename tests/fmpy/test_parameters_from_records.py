@@ -71,14 +71,15 @@ def test_estimates_and_errors_are_those_of_least_squares(tmp_path: Path) -> None
             y[k + 1] = np.exp(a * step) * y[k] + np.expm1(a * step) / a * b * u[k]
         return y
 
-    starts = rng.uniform(-1, 1, 2)
+    # One of them near 0, which no record can show to a part of itself.
+    starts = np.array([rng.uniform(-1, 1), 1e-3])
     measured = [course(a, b, start, u) + 0.4 + 0.02 * rng.standard_normal(rows) for start, u in zip(starts, inputs, strict=True)]
     for k in range(2):
         table = np.column_stack([step * np.arange(rows), inputs[k], measured[k]])
         np.savetxt(tmp_path / f"r{k}.csv", table, delimiter=",", header="time,u,y", comments="", fmt="%.17g")
     names = ["--fmu", "P.toml", "--inputs", "u", "--outputs", "y", "--free", "A[1,1],B[1,1]", "--initial", "x0[1]"]
     ran = program(tmp_path, "identify", "r0.csv", "r1.csv", *names, "--hold-out", "0", "--json")
-    assert ran.returncode in (0, 3), ran.stdout + ran.stderr
+    assert ran.returncode == 0, ran.stdout + ran.stderr
     told = json.loads(ran.stdout)
 
     def residuals(p: np.ndarray) -> np.ndarray:
@@ -114,10 +115,36 @@ def test_what_records_do_not_show_is_not_sound_and_faults_are_refused(tmp_path: 
         (["record.csv", *ROBOT, "--free", "m2=5:8"], "m2 = 2: must begin between 5 and 8: give a start value with --set"),
         (["record.csv", *ROBOT, "--free", "m2,m2"], "--free = m2: is given twice"),
         (["record.csv", *ROBOT, "--free", "m2", "--hold-out", "record.csv"], "with --fmu the last part of each record is held out"),
-        (["gap.csv", *ROBOT, "--free", "m2"], "u[1] = NaN at 0.04 s: must be a finite number"),
+        (["gap.csv", *ROBOT, "--free", "m2"], "u[1] = NaN: must be a finite number, at 0.04 s"),
         (["record.csv", *ROBOT[:4], "--outputs", "x[9]", "--free", "m2"], "x[9]"),
         (["record.csv", *ROBOT[:4], "--states", "x[1]", "--free", "m2"], "cannot be used with"),
     ]:
         ran = program(tmp_path, "identify", *arguments, "--out", "none.json")
         assert ran.returncode != 0 and reason in ran.stderr, (arguments, ran.stdout, ran.stderr)
         assert not list(tmp_path.glob("none.*"))
+
+
+def test_a_held_out_part_that_rests_is_not_judged(tmp_path: Path) -> None:
+    rng = np.random.default_rng(NUMBER + 43)
+    robot_record(tmp_path, rng, Robot(), rows=120)
+    lines = (tmp_path / "record.csv").read_text().splitlines()
+    # It hangs for the last third.
+    hanging = [f"{0.04 * k:.12g},0,0,{-np.pi / 2 + 0.003 * rng.standard_normal():.9g},{0.003 * rng.standard_normal():.9g}" for k in range(120, 180)]
+    (tmp_path / "record.csv").write_text("\n".join([*lines, *hanging]) + "\n")
+    ran = program(tmp_path, "identify", "record.csv", *ROBOT, "--free", "m2=0.1:10", "--offset", "none", "--hold-out", "20%", "--json")
+    told = json.loads(ran.stdout)
+    assert told["fit"] == [None, None] and not any("held-out" in finding for finding in told["findings"]), told
+
+
+def test_parameters_of_a_loop_without_inputs(tmp_path: Path) -> None:
+    """A record of a loop of this package: a gain of its controller and a start value of its plant are found again."""
+    values = {"controller.feedback_gain[1,1]": 30.0, "plant.x0[1]": 0.3}
+    sets = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
+    ran = program(tmp_path, "run", "3.2.1-cosine", *sets, "--until", "3", "--out", "results")
+    assert ran.returncode == 0, ran.stderr
+    [table] = tmp_path.glob("results/**/result.csv")
+    names = ["--fmu", "3.2.1-cosine", "--outputs", "plant.x[1],controller.u[1]", "--offset", "none", "--json", "--hold-out", "0"]
+    ran = program(tmp_path, "identify", str(table), *names, "--free", ",".join(values))
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    for of in json.loads(ran.stdout)["parameters"]:
+        assert of["value"] == pytest.approx(values[of["name"]], rel=0.01), of

@@ -42,6 +42,9 @@ pub const USUAL_LEVEL: f64 = 0.99;
 /// Factor of that region: above 1, since plants wear and run with other loads than when they were recorded.
 pub const USUAL_MARGIN: f64 = 3.0;
 
+/// Eigenvalues of a correlation that are nearer to 0 are rounding.
+const LEAST_EIGENVALUE: f64 = 1e-6;
+
 /// A plant within the uncertainty of a nominal one, of which a loop is the worst in some respect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WorstPlant {
@@ -271,7 +274,14 @@ impl Covariance {
                 }
             }
         }
-        Ok(Covariance { entries, matrix: DMatrix::from_fn(p, p, |i, j| rows[i.max(j)][i.min(j)]) })
+        let matrix = DMatrix::from_fn(p, p, |i: usize, j: usize| rows[i.max(j)][i.min(j)]);
+        let unit = DMatrix::from_fn(p, p, |i, j| matrix[(i, j)] / (rows[i][i] * rows[j][j]).sqrt());
+        let least = unit.symmetric_eigenvalues().iter().copied().fold(0.0, f64::min);
+        if least < -LEAST_EIGENVALUE {
+            let allowed = "must be a covariance: no combination of the entries may have a variance below 0";
+            return Err(Invalid::new(format!("{table}covariance"), format!("{p} x {p} numbers"), allowed));
+        }
+        Ok(Covariance { entries, matrix })
     }
 }
 
@@ -409,6 +419,10 @@ mod tests {
             (
                 "model = \"m\"\nfree = [[\"A\", 1, 1], [\"A\", 2, 1]]\ncovariance = [[1], [3, 4]]",
                 "nominal.covariance[2,1] = 3: must be finite",
+            ),
+            (
+                "model = \"m\"\nfree = [[\"A\", 1, 1], [\"A\", 2, 1], [\"A\", 1, 2]]\ncovariance = [[1], [0.9, 1], [0.9, -0.9, 1]]",
+                "nominal.covariance = 3 x 3 numbers: must be a covariance",
             ),
             ("plants = 0", "nominal.plants = 0: must be within 1 … 100000"),
             ("plants = 1.5", "plants"),

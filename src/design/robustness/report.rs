@@ -159,7 +159,8 @@ impl Described {
         let note = format!("of a step of the reference{each}: from 10 % to 90 %");
         report.tell("rise time", three_digits(stepped.rise / W), "s", &note);
         let settling = three_digits(stepped.settling / W);
-        report.tell("settling time", settling, "s", "until within 2 % of the step about its end");
+        let note = format!("until within {} % of the step about its end", digits(100.0 * stepped.band));
+        report.tell("settling time", settling, "s", &note);
         // What rounding leaves is none.
         let overshoot = if stepped.overshoot > 1e-6 { three_digits(100.0 * stepped.overshoot) } else { 0.0 };
         report.tell("overshoot", overshoot, "%", "beyond the reference");
@@ -211,6 +212,6 @@ fn lists(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 /// Begins what is found of uncertain plants.
 pub fn tell_number(places: &[Place], report: &mut DesignReport) {
     report.section("Uncertain plants");
-    let note = "the nominal one, corners of the bounds and others within";
+    let note = "the nominal one, extreme ones of the uncertainty, and others within it";
     report.tell("plants tried", places.len() as f64, "", note);
 }

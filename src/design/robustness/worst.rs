@@ -20,8 +20,10 @@ pub struct Stepped {
     pub overshoot: f64,
     /// How far it goes the wrong way first, likewise.
     pub undershoot: f64,
-    /// When all outputs stay within 2 % of their references about their ends, in 1/W.
+    /// When all outputs stay within a band about their ends, in 1/W.
     pub settling: f64,
+    /// That band, in parts of the step.
+    pub band: f64,
     /// How far they end from the reference, in parts of the step.
     pub off: f64,
     /// The lowest and the highest value of each control.
@@ -53,16 +55,22 @@ impl Stepped {
             }
             number += 1;
         })?;
-        let mut all = Vec::with_capacity(found.len());
-        for (respect, (value, number)) in found.into_iter().enumerate() {
-            let (place, _) = plant.worse(places[number].clone(), value, |other| {
+        let mut found: Vec<_> = found.into_iter().map(|(value, number)| (value, places[number].clone())).collect();
+        for respect in 0..found.len() {
+            let (value, place) = found[respect].clone();
+            plant.worse(place, value, |other| {
                 let stepped = Self::each(law, plant, std::slice::from_ref(other), sizes, band, |_| ())?;
                 worst = worst.clone().or_worse(&stepped);
+                // What is worse in one respect may be the worst in another.
+                for (worst, value) in found.iter_mut().zip(stepped.respects()) {
+                    if value > worst.0 {
+                        *worst = (value, other.clone());
+                    }
+                }
                 stepped.respects().nth(respect)
             });
-            all.push(place);
         }
-        Some((worst, all))
+        Some((worst, found.into_iter().map(|(_, place)| place).collect()))
     }
 
     /// Settling time, overshoot, and how far each control goes up and down.
@@ -84,9 +92,9 @@ impl Stepped {
         let delayed = parts.delayed(&plant.delays);
         // Outputs in parts of their references.
         let C = DMatrix::from_fn(plant.C.nrows(), plant.C.ncols(), |i, j| plant.C[(i, j)] / sizes[i]);
-        places.iter().try_fold(Self::at_rest(plant.B.ncols()), |worst, place| {
+        places.iter().try_fold(Self::at_rest(plant.B.ncols(), band), |worst, place| {
             let all = delayed.steps(&plant.at(place), &C, &parts, band)?;
-            let mut one = Self::at_rest(plant.B.ncols());
+            let mut one = Self::at_rest(plant.B.ncols(), band);
             all.iter().enumerate().for_each(|(i, courses)| one.take(i, courses));
             look(&one);
             Some(worst.or_worse(&one))
@@ -94,9 +102,9 @@ impl Stepped {
     }
 
     /// Nothing moves.
-    fn at_rest(controls: usize) -> Self {
+    fn at_rest(controls: usize, band: f64) -> Self {
         let control = vec![[0.0; 2]; controls];
-        Stepped { rise: 0.0, overshoot: 0.0, undershoot: 0.0, settling: 0.0, off: 0.0, control }
+        Stepped { rise: 0.0, overshoot: 0.0, undershoot: 0.0, settling: 0.0, band, off: 0.0, control }
     }
 
     /// The worse of both in each respect.

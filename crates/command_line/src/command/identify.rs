@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, Invalid};
-use adaptive_fmu::output::Files;
 use adaptive_fmu::report::{self, number};
 use adaptive_fmu::{begun, near, sealed, text_file};
 use adaptive_fmu_identification::csv::Table;
@@ -23,7 +22,7 @@ use serde_json::Value;
 
 use super::linearise::assignment;
 use super::names::Names;
-use super::new::there_already;
+use super::new::{name_of, place, there_already};
 use super::number::{part, positive};
 
 /// The model was written, and a finding is that it should not be used for a design.
@@ -61,7 +60,7 @@ pub struct Arguments {
     #[arg(required_unless_present = "plan", value_name = "RECORD.csv")]
     records: Vec<PathBuf>,
     /// Columns that are inputs of the plant
-    #[arg(long, value_name = "NAME,…", required_unless_present = "plan")]
+    #[arg(long, value_name = "NAME,…", required_unless_present_any = ["plan", "fmu"])]
     inputs: Option<Names>,
     /// Columns that are its states: all of them are measured
     #[arg(long, value_name = "NAME,…", required_unless_present_any = ["outputs", "plan"], conflicts_with = "outputs")]
@@ -129,6 +128,15 @@ impl Arguments {
     fn inputs(&self) -> &[String] {
         self.inputs.as_ref().map_or(&[], |Names(names)| names)
     }
+
+    /// Refuses a file that is there already, before anything is computed.
+    fn check_out(&self, file: &Path) -> Result<(), Error> {
+        let file = begun::path(file);
+        if self.force || !file.exists() {
+            return Ok(());
+        }
+        Err(there_already(Error::File { file, source: ErrorKind::AlreadyExists.into() }))
+    }
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -166,12 +174,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     if let Some(file) = &arguments.plan.plan {
         return plan::execute(file, &arguments.plan, arguments.json).map(|()| ExitCode::SUCCESS);
     }
-    let out = begun::path(&arguments.out);
-    if !arguments.force && out.exists() {
-        return Err(there_already(Error::File { file: out, source: ErrorKind::AlreadyExists.into() }));
-    }
+    arguments.check_out(&arguments.out)?;
     let records = read(&arguments.records, arguments)?;
     if let Some(fmu) = &arguments.parameters.fmu {
+        arguments.check_out(&arguments.out.with_extension("ssv"))?;
         return parameters::execute(arguments, fmu, &records);
     }
     let (part, held_out) = held_out(arguments)?;
@@ -194,12 +200,13 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     for of in &mut found.model.records {
         of.sha256 = records.iter().find(|read| read.record.name == of.file).map(|read| read.checksum.clone());
     }
-    write(&arguments.out, arguments.force, &found)?;
+    let out = &arguments.out;
+    place(out, &[(name_of(out)?.into(), &text_of(&found.model)?, arguments.force)])?;
     if arguments.json {
         say!("{}", as_json(&found)?);
     } else {
         tell_all(&found);
-        aside!("the model is in {}", arguments.out.display());
+        aside!("the model is in {}", out.display());
     }
     Ok(if found.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(UNSOUND) })
 }
@@ -316,18 +323,10 @@ fn as_json(found: &Identified) -> Result<Value, Error> {
     serde_json::to_value(found).map_err(|error| Error::Argument(Invalid::because(error)))
 }
 
-fn write(file: &Path, force: bool, found: &Identified) -> Result<(), Error> {
-    let text = serde_json::to_string_pretty(&found.model).map_err(|error| Error::Argument(Invalid::because(error)))?;
-    let refuse = || Error::Description { file: file.to_owned(), reason: "must be the name of a file".to_owned() };
-    let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
-    let own = file.file_name().ok_or_else(refuse)?;
-    let text = format!("{text}\n");
-    if force {
-        files.add(own, &text)?;
-    } else {
-        files.add_new(own, &text).map_err(there_already)?;
-    }
-    files.place().map_err(there_already)
+/// The text of a model's file.
+fn text_of(model: &Model) -> Result<String, Error> {
+    let text = serde_json::to_string_pretty(model).map_err(|error| Error::Argument(Invalid::because(error)))?;
+    Ok(format!("{text}\n"))
 }
 
 /// Prints fits, poles, entries and findings.
@@ -353,6 +352,12 @@ fn tell_all(found: &Identified) {
     for pole in found.poles.iter().filter(|pole| pole.imaginary >= 0.0) {
         let imaginary = if pole.imaginary > 0.0 { format!(" ± {}j", number(pole.imaginary)) } else { String::new() };
         say!("{:39} {:>14}", format!("{}{imaginary}", number(pole.real)), number(pole.error()));
+    }
+    if !model.disturbance.is_empty() {
+        say!("\n{:24} {:>14}", "beyond the model", "at most");
+        model.inputs.iter().zip(&model.disturbance).for_each(|(name, most)| say!("as {name:21} {:>14}", number(*most)));
+        let rates = model.states.iter().zip(&found.unmatched).filter(|(_, most)| **most > 0.0);
+        rates.for_each(|(name, most)| say!("{:24} {:>14}", format!("{name}', by no input"), number(*most)));
     }
     say!("\nmethod: {}", model.method);
     for finding in &found.findings {

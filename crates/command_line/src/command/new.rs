@@ -5,7 +5,7 @@ mod closed_loop;
 mod excitation;
 pub mod plant;
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -133,7 +133,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
 }
 
-/// Writes the description, and beside it the schema by which editors complete it; or the table of an experiment.
+/// Writes the description, with the schema by which editors complete it; or the table of an experiment.
 fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitCode, Error> {
     let UnitArguments { bandwidth, reference, uncertainty, experiment, .. } = arguments;
     experiment.check(kind, arguments)?;
@@ -228,26 +228,36 @@ fn of_plant<'a>(kind: &str, file: &Path, arguments: &'a UnitArguments) -> plant:
     plant::Asked { step, ..asked }
 }
 
-/// Writes a file, and beside it the schema where it is a description.
+/// Writes a file, and the schema next to it where it is a description.
 fn write(file: &Path, text: &str, with_schema: bool, force: bool) -> Result<(), Error> {
-    let refuse = || Error::Description { file: file.to_owned(), reason: "must be the name of a file".to_owned() };
-    let folder = file.parent().unwrap_or(Path::new(""));
-    let mut files = Files::at(folder);
-    let own = file.file_name().ok_or_else(refuse)?;
-    if force {
-        files.add(own, text)?
-    } else {
-        files.add_new(own, text).map_err(there_already)?
-    }
-    if with_schema {
-        files.add(schema::FILE, schema::text())?;
-    }
-    files.place().map_err(there_already)?;
+    let schema = if with_schema { schema::text() } else { String::new() };
+    let mut texts = vec![(PathBuf::from(name_of(file)?), text, force)];
+    texts.extend(with_schema.then(|| (PathBuf::from(schema::FILE), schema.as_str(), true)));
+    place(file, &texts)?;
     say!("{}", file.display());
     if with_schema {
-        say!("{}", folder.join(schema::FILE).display());
+        say!("{}", file.with_file_name(schema::FILE).display());
     }
     Ok(())
+}
+
+/// The name of a file.
+pub fn name_of(file: &Path) -> Result<&OsStr, Error> {
+    let refuse = || Error::Description { file: file.to_owned(), reason: "must be the name of a file".to_owned() };
+    file.file_name().ok_or_else(refuse)
+}
+
+/// Writes texts into the folder of a file, all of them or none: name, text, and true if it replaces a file of that name.
+pub fn place(file: &Path, texts: &[(PathBuf, &str, bool)]) -> Result<(), Error> {
+    let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
+    for (name, text, replaces) in texts {
+        if *replaces {
+            files.add(name, text)?;
+        } else {
+            files.add_new(name, text).map_err(there_already)?;
+        }
+    }
+    files.place().map_err(there_already)
 }
 
 /// Tells how a file that is there is written all the same.

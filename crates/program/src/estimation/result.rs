@@ -19,6 +19,8 @@ pub struct Estimated {
     pub value: f64,
     /// Standard error; NaN where the records don't depend on it, as at an end of a range.
     pub error: f64,
+    /// Size of its start value, or 1.
+    pub scale: f64,
     /// True if it is at an end of its range.
     pub is_at_end: bool,
 }
@@ -34,12 +36,15 @@ pub struct Found {
     pub condition: f64,
     /// Root mean square of each output's residual.
     pub noise: Vec<f64>,
-    /// The part of the held-out motion of each output that the simulation follows, %; empty where nothing is held out.
+    /// The part of the held-out motion of each output that the simulation follows, %; NaN of one that hardly moves there, empty where
+    /// nothing is held out.
     pub held_out: Vec<f64>,
     /// The part that noise leaves, %.
     pub ceiling: Vec<f64>,
 }
 
+/// Held-out motion that is less, in parts of the noise, shows nothing.
+const LEAST_MOTION: f64 = 2.0;
 /// A value so near to an end of its range, in parts of it, is at it.
 const AT_END: f64 = 1e-3;
 
@@ -73,7 +78,7 @@ impl Simulated<'_> {
             });
             let (name, unit) = (unknown.name.clone(), unknown.unit.clone());
             let error = if seen.contains(&k) { covariance[(k, k)].sqrt() } else { f64::NAN };
-            Estimated { name, unit, record: unknown.record, value, error, is_at_end }
+            Estimated { name, unit, record: unknown.record, value, error, scale: unknown.scale(), is_at_end }
         });
         let (held_out, ceiling) = self.held_out(point, &fit.value.rms)?;
         Some(Found {
@@ -111,8 +116,10 @@ impl Simulated<'_> {
                 motion += rows.iter().map(|&row| (measured[row] - middle).powi(2)).sum::<f64>();
                 count += rows.len();
             }
-            fits.0.push(100.0 * (1.0 - (off / motion).sqrt()));
-            fits.1.push(100.0 * (1.0 - noise / (motion / count.max(1) as f64).sqrt()));
+            let deviation = (motion / count.max(1) as f64).sqrt();
+            let moves = deviation > LEAST_MOTION * noise;
+            fits.0.push(if moves { 100.0 * (1.0 - (off / motion).sqrt()) } else { f64::NAN });
+            fits.1.push(100.0 * (1.0 - noise / deviation));
         }
         Some(fits)
     }

@@ -7,7 +7,7 @@ use adaptive_fmu_identification::csv::{Column as TableColumn, Table};
 
 use crate::error::Error;
 use crate::fmu::{Instance, SHOWS_VARIABLES};
-use crate::model_description::{ModelDescription, Variable};
+use crate::model_description::{ModelDescription, UnitDefinition, Variable};
 use crate::{near, text_file};
 
 /// Values of input variables at some times.
@@ -32,6 +32,13 @@ enum Kind {
     Held,
     Integer,
     Boolean,
+}
+
+/// A column that can't be an input.
+struct Wrong {
+    /// The row of a single value.
+    row: Option<usize>,
+    reason: String,
 }
 
 /// On which side of its jumps an input is taken.
@@ -94,13 +101,11 @@ impl Inputs {
                 read.others.push(column);
                 continue;
             };
-            check_unit(&column, variable).map_err(|reason| refuse(format!("line 1: {reason}")))?;
-            let own = Column::of(variable);
-            for (row, &value) in column.values.iter().enumerate() {
-                own.check(value)
-                    .map_err(|allowed| refuse_at(row, format!("{} = {}: {allowed}", column.name, shown(value))))?;
-            }
-            read.inputs.columns.push(Column { values: column.values, ..own });
+            let wrong = |Wrong { row, reason }: Wrong| match row {
+                Some(row) => refuse_at(row, reason),
+                None => refuse(format!("line 1: {reason}")),
+            };
+            read.inputs.columns.push(Column::read(&column, variable).map_err(wrong)?);
         }
         Ok(read)
     }
@@ -112,7 +117,7 @@ impl Inputs {
     pub fn of_columns(
         description: &ModelDescription,
         times: &[f64],
-        columns: Vec<(String, Vec<f64>)>,
+        columns: &[&TableColumn],
         is_held: bool,
     ) -> Result<Self, String> {
         if let Some(row) =
@@ -120,22 +125,19 @@ impl Inputs {
         {
             return Err(format!("time = {} after {}: must grow", times[row], times[row - 1]));
         }
-        let column = |(name, values): (String, Vec<f64>)| {
-            let Some(variable) = of_unit(description).find(|variable| variable.name == name) else {
+        let column = |column: &&TableColumn| {
+            let name = &column.name;
+            let Some(variable) = of_unit(description).find(|variable| variable.name == *name) else {
                 let known: Vec<_> = of_unit(description).map(|variable| variable.name.as_str()).collect();
-                return Err(format!("the FMU has no input `{name}`; {}", near::choice(&name, &known, SHOWS_VARIABLES)));
+                return Err(format!("the FMU has no input `{name}`; {}", near::choice(name, &known, SHOWS_VARIABLES)));
             };
-            let mut own = Column::of(variable);
-            for (row, &value) in values.iter().enumerate() {
-                own.check(value)
-                    .map_err(|allowed| format!("{name} = {} at {} s: {allowed}", shown(value), times[row]))?;
-            }
-            if is_held && own.kind == Kind::Continuous {
-                own.kind = Kind::Held;
-            }
-            Ok(Column { values, ..own })
+            let at = |row: usize| format!(", at {} s", times[row]);
+            let wrong = |Wrong { row, reason }: Wrong| format!("{reason}{}", row.map_or(String::new(), at));
+            let read = Column::read(column, variable).map_err(wrong)?;
+            let kind = if is_held && read.kind == Kind::Continuous { Kind::Held } else { read.kind };
+            Ok(Column { kind, ..read })
         };
-        let columns = columns.into_iter().map(column).collect::<Result<_, _>>()?;
+        let columns = columns.iter().map(column).collect::<Result<_, _>>()?;
         Ok(Inputs { times: times.to_vec(), columns })
     }
 
@@ -198,12 +200,19 @@ fn of_unit(description: &ModelDescription) -> impl Iterator<Item = &Variable> {
     description.variables.iter().filter(|v| v.causality == "input" && v.kind != "String")
 }
 
-/// Refuses a column in another unit of measurement than its variable has: nothing is converted here.
-pub(super) fn check_unit(column: &TableColumn, variable: &Variable) -> Result<(), String> {
-    match (&column.unit, &variable.unit) {
-        (Some(given), Some(own)) if given != own => Err(format!("{} is in {given}: must be in {own}", column.name)),
-        _ => Ok(()),
-    }
+/// The values of a column in the unit of a variable.
+///
+/// # Errors
+/// A unit of another quantity.
+pub fn values_of(column: &TableColumn, variable: &Variable) -> Result<Vec<f64>, String> {
+    let (Some(given), Some(own)) = (&column.unit, &variable.measure) else { return Ok(column.values.clone()) };
+    let given = UnitDefinition::named(given);
+    let allowed = format!("must be in {}, or a unit of that quantity", own.name);
+    let refuse = || format!("{} is in {}: {allowed}", column.name, given.name);
+    // Of what isn't known nobody knows that it is the same.
+    let is_unknown = given.dimension.is_none() || own.dimension.is_none();
+    let conversion = given.to(own).filter(|_| !is_unknown || given.name == own.name).ok_or_else(refuse)?;
+    Ok(column.values.iter().map(|value| conversion.of(*value)).collect())
 }
 
 fn shown(value: f64) -> String {
@@ -211,6 +220,17 @@ fn shown(value: f64) -> String {
 }
 
 impl Column {
+    /// A column of a table in the unit of its variable.
+    fn read(column: &TableColumn, variable: &Variable) -> Result<Self, Wrong> {
+        let values = values_of(column, variable).map_err(|reason| Wrong { row: None, reason })?;
+        let own = Column { values, ..Column::of(variable) };
+        for (row, &value) in own.values.iter().enumerate() {
+            let reason = |allowed: &str| format!("{} = {}: {allowed}", column.name, shown(value));
+            own.check(value).map_err(|allowed| Wrong { row: Some(row), reason: reason(allowed) })?;
+        }
+        Ok(own)
+    }
+
     fn of(variable: &Variable) -> Self {
         let kind = match (variable.kind.as_str(), variable.variability.as_str()) {
             ("Real", "continuous") => Kind::Continuous,

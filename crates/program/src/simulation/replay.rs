@@ -2,7 +2,7 @@
 
 use adaptive_fmu_identification::csv::Column;
 
-use super::inputs::check_unit;
+use super::inputs::values_of;
 use super::recording::Recording;
 use crate::error::{Error, Invalid};
 use crate::model_description::ModelDescription;
@@ -10,6 +10,8 @@ use crate::near;
 
 /// Delays of the record that are tried, in communication steps.
 const DELAYS: usize = 4;
+/// A delay is one where the difference is at most this part of that without it.
+const NEARER: f64 = 0.5;
 /// Ending of names of what was recorded.
 const RECORDED: &str = "_recorded";
 /// Variables that count limits and bounds, with words for a value above 0.
@@ -20,7 +22,8 @@ const COUNTED: [(&str, &str); 2] =
 #[derive(Debug)]
 pub struct Replay {
     times: Vec<f64>,
-    columns: Vec<Column>,
+    /// Names, and what was recorded in the units of the outputs.
+    compared: Vec<(String, Vec<f64>)>,
     /// Variables to record besides.
     pub further: Vec<String>,
     /// Columns of the record that nothing is done with.
@@ -38,7 +41,7 @@ pub struct Compared {
     pub difference: Difference,
 }
 
-/// Difference of an output from its record, at the delay at which they are nearest.
+/// Difference of an output from its record, at a delay where that is clear.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
     /// The part of the recorded motion that the output follows, %; none of a record that doesn't move.
@@ -79,6 +82,7 @@ impl Replay {
     ) -> Result<Self, Error> {
         let outputs = || description.variables.iter().filter(|v| v.causality == "output" && v.kind != "String");
         let refuse = |name: &String, allowed: String| Error::Argument(Invalid::new("--compare", name, allowed));
+        let mut compared = Vec::new();
         for name in names {
             let known: Vec<_> = outputs().map(|variable| variable.name.as_str()).collect();
             let Some(variable) = outputs().find(|variable| variable.name == *name) else {
@@ -88,26 +92,26 @@ impl Replay {
                 let known: Vec<_> = columns.iter().map(|column| column.name.as_str()).collect();
                 return Err(refuse(name, format!("is no column of the record; {}", near::choice(name, &known, ""))));
             };
-            check_unit(column, variable).map_err(|reason| Error::Argument(Invalid::because(reason)))?;
+            let values = values_of(column, variable).map_err(|reason| Error::Argument(Invalid::because(reason)))?;
+            compared.push((name.clone(), values));
         }
-        let (columns, unused): (Vec<_>, Vec<_>) = columns.into_iter().partition(|column| names.contains(&column.name));
-        let unused = unused.into_iter().map(|column| column.name).collect();
+        let unused = columns.into_iter().map(|column| column.name).filter(|name| !names.contains(name)).collect();
         let known = |name: &&str| description.place(name).is_some();
         let further = COUNTED.iter().map(|(name, _)| *name).filter(known).map(str::to_owned).collect();
-        Ok(Replay { times: times.to_vec(), columns, further, unused })
+        Ok(Replay { times: times.to_vec(), compared, further, unused })
     }
 
     /// Compares a run with the record, and adds what was recorded to it.
     pub fn compare(&self, recording: &mut Recording) -> (Vec<Compared>, Vec<Share>) {
         let mut compared = Vec::new();
-        for column in &self.columns {
-            let Some(own) = recording.column(&column.name).map(<[f64]>::to_vec) else { continue };
-            let at: Vec<_> = recording.times.iter().map(|&time| self.held(&column.values, time)).collect();
-            let unit = recording.measure(&column.name).unwrap_or_default().to_owned();
+        for (name, recorded) in &self.compared {
+            let Some(own) = recording.column(name).map(<[f64]>::to_vec) else { continue };
+            let at: Vec<_> = recording.times.iter().map(|&time| self.held(recorded, time)).collect();
+            let unit = recording.measure(name).unwrap_or_default().to_owned();
             let difference = Difference::least(&own, &at, &recording.times);
-            let of = |difference| Compared { name: column.name.clone(), unit: unit.clone(), difference };
+            let of = |difference| Compared { name: name.clone(), unit: unit.clone(), difference };
             compared.extend(difference.map(of));
-            recording.names.push(format!("{}{RECORDED}", column.name));
+            recording.names.push(format!("{name}{RECORDED}"));
             recording.measures.push(unit);
             recording.columns.push(at);
         }
@@ -130,11 +134,11 @@ impl Replay {
 }
 
 impl Difference {
-    /// At the delay at which it is least: the output at the end of a step follows from what was measured at its beginning. `None`
-    /// where nothing was recorded.
+    /// The difference from a record that may be late: the output at the end of a step follows from what was measured at its
+    /// beginning. `None` where nothing was recorded.
     fn least(own: &[f64], record: &[f64], times: &[f64]) -> Option<Self> {
         let delayed = (0..DELAYS).filter_map(|delay| Self::at(delay, own, record, times));
-        delayed.min_by(|one, other| one.rms.total_cmp(&other.rms))
+        delayed.reduce(|least, one| if one.rms < NEARER * least.rms { one } else { least })
     }
 
     fn at(delay: usize, own: &[f64], record: &[f64], times: &[f64]) -> Option<Self> {

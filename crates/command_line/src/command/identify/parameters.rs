@@ -1,7 +1,7 @@
 //! `identify --fmu`: parameters of an FMU from records, and the linear model that follows from them.
 #![allow(non_snake_case)] // matrices have the names of the field
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -9,25 +9,26 @@ use adaptive_fmu::analysis::{Linearisation, OperatingPoint, Quantity, linearise}
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::estimation::{Estimated, Found, Recorded, Sought, Task};
 use adaptive_fmu::fmu::Fmu;
-use adaptive_fmu::output::Files;
 use adaptive_fmu::report::number;
-use adaptive_fmu::simulation::Inputs;
+use adaptive_fmu::simulation::{Inputs, values_of};
+use adaptive_fmu::template::counted;
 use adaptive_fmu::tuning::parameter_set;
 use adaptive_fmu_identification::{Fits, Free, Model, RecordOf, Units};
 use nalgebra::DMatrix;
 use serde_json::json;
 
-use super::{Arguments, HoldOf, Offset, Read, UNSOUND, units};
+use super::{Arguments, HoldOf, Offset, Read, UNSOUND, text_of};
 use crate::command::hosting::HostingOptions;
 use crate::command::linearise::{assignment, open_unit};
 use crate::command::names::Names;
-use crate::command::new::there_already;
+use crate::command::new::{name_of, place};
 use crate::command::number::part;
 
 /// Heading of these options in the help.
 const HEADING: &str = "Parameters of an FMU";
-/// A parameter is seen if its standard error is at most this part of it.
+/// A parameter is seen if its standard error is at most this part of it, or this part of its start value.
 const MOST_ERROR: f64 = 0.3;
+const LEAST_ERROR: f64 = 0.03;
 /// Parameters whose information has a larger condition number can't be distinguished.
 const MOST_CONDITION: f64 = 1e8;
 /// A sound fit is at least this part of what noise leaves.
@@ -150,28 +151,30 @@ fn recorded(arguments: &Arguments, fmu: &Fmu, read: &Read, outputs: &[String]) -
             let known = record.columns.iter().map(|column| column.name.clone()).collect();
             Error::Unknown { what: "column", name: name.clone(), known, all: "" }
         };
-        let own = fmu.description.variable(name).and_then(|variable| variable.unit.as_deref());
-        let refuse = |reason: String| Error::Argument(Invalid::because(format!("{}: {reason}", record.name)));
-        units::values_in(record.column(name).ok_or_else(missing)?, own).map_err(refuse)
+        record.column(name).ok_or_else(missing)
     };
-    let inputs = arguments.inputs().iter().map(|name| Ok((name.clone(), column(name)?)));
-    let inputs = inputs.collect::<Result<Vec<_>, Error>>()?;
-    let outputs = outputs.iter().map(column).collect::<Result<_, _>>()?;
-    let is_held = matches!(arguments.hold, HoldOf::ZeroOrder);
     let refuse = |reason: String| Error::Argument(Invalid::because(format!("{}: {reason}", record.name)));
-    let inputs = Inputs::of_columns(&fmu.description, &record.time, inputs, is_held).map_err(refuse)?;
+    let measured = |name: &String| {
+        let (column, variable) = (column(name)?, fmu.description.variable(name));
+        variable.map_or_else(|| Ok(column.values.clone()), |own| values_of(column, own)).map_err(refuse)
+    };
+    let outputs = outputs.iter().map(measured).collect::<Result<_, _>>()?;
+    let inputs = arguments.inputs().iter().map(column).collect::<Result<Vec<_>, Error>>()?;
+    let is_held = matches!(arguments.hold, HoldOf::ZeroOrder);
+    let inputs = Inputs::of_columns(&fmu.description, &record.time, &inputs, is_held).map_err(refuse)?;
     Ok(Recorded { name: record.name.clone(), inputs, outputs })
 }
 
 /// Findings that make the model unsound.
 fn findings(found: &Found, outputs: &[String]) -> Vec<String> {
     let mut findings = Vec::new();
-    for Estimated { name, value, error, is_at_end, .. } in &found.parameters {
+    for Estimated { name, value, error, is_at_end, scale, record, .. } in &found.parameters {
         if error.is_nan() && !is_at_end {
             findings.push(format!("{name} does nothing to these outputs: take it out of --free"));
         } else if *is_at_end {
             findings.push(format!("{name} = {} is at the end of its range: give a wider one", number(*value)));
-        } else if *error > MOST_ERROR * value.abs() {
+        } else if record.is_none() && *error > (MOST_ERROR * value.abs()).max(LEAST_ERROR * scale) {
+            // Where a record begins may be near 0, and is nothing that the model is made of.
             let part = 100.0 * error / value.abs();
             findings.push(format!(
                 "{name}: {} % (1 σ): these records don't show it. Take it out of --free, or record more motion",
@@ -309,28 +312,16 @@ fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 
 fn write(arguments: &Arguments, found: &Found, model: Option<&Model>, fmu: &Fmu) -> Result<(), Error> {
     let file = &arguments.out;
-    let refuse = || Error::Description { file: file.clone(), reason: "must be the name of a file".to_owned() };
-    let own = Path::new(file.file_name().ok_or_else(refuse)?);
     let shared = found.parameters.iter().filter(|parameter| parameter.record.is_none());
     let values: Vec<_> = shared.map(|parameter| (parameter.name.as_str(), parameter.value)).collect();
-    let remark = format!("Parameters of {} from {}", fmu.description.name, arguments.records.len());
-    let remark =
-        format!("{remark} {}", if arguments.records.len() == 1 { "file of records" } else { "files of records" });
+    let records = counted(arguments.records.len(), "file");
+    let remark = format!("Parameters of {} from {records} of records", fmu.description.name);
     let set = parameter_set("identified", &remark, &values).map_err(Error::file(file))?;
-    let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
-    let mut texts = vec![(own.with_extension("ssv"), set)];
-    if let Some(model) = model {
-        let text = serde_json::to_string_pretty(model).map_err(|error| Error::Argument(Invalid::because(error)))?;
-        texts.push((own.to_owned(), format!("{text}\n")));
-    }
-    for (name, text) in &texts {
-        if arguments.force {
-            files.add(name, text)?;
-        } else {
-            files.add_new(name, text).map_err(there_already)?;
-        }
-    }
-    files.place().map_err(there_already)
+    let model = model.map(text_of).transpose()?;
+    let own = PathBuf::from(name_of(file)?);
+    let mut texts = vec![(own.with_extension("ssv"), set.as_str(), arguments.force)];
+    texts.extend(model.iter().map(|model| (own.clone(), model.as_str(), arguments.force)));
+    place(file, &texts)
 }
 
 fn as_json(Estimated { name, unit, record, value, error, .. }: &Estimated) -> serde_json::Value {
@@ -345,7 +336,8 @@ fn tell(found: &Found, outputs: &[String], findings: &[String]) {
     }
     say!("\n{:28} {:>14} {:>14}", "fit of the held-out part", "%", "noise");
     for (k, (name, noise)) in outputs.iter().zip(&found.noise).enumerate() {
-        let fit = found.held_out.get(k).map_or("–".to_owned(), |fit| number((fit * 10.0).round() / 10.0));
+        let fit = found.held_out.get(k).filter(|fit| !fit.is_nan());
+        let fit = fit.map_or("–".to_owned(), |fit| number((fit * 10.0).round() / 10.0));
         say!("{name:28} {fit:>14} {:>14}", number(*noise));
     }
     if !findings.is_empty() {

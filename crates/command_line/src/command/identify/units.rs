@@ -1,15 +1,8 @@
 //! Units of measurement of records: models are in base units, with which numbers of different signals fit each other.
 
 use adaptive_fmu::error::{Error, Invalid};
-use adaptive_fmu::system::Base;
+use adaptive_fmu::system::{Base, Unit};
 use adaptive_fmu_identification::Record;
-use adaptive_fmu_identification::csv::Column;
-
-/// Base units and what is derived from them, as models have them.
-const UNITS: [&str; 24] = [
-    "1", "s", "rad", "rad/s", "rad/s2", "m", "m/s", "m/s2", "m2", "m3", "m3/s", "kg", "kg/s", "N", "N.m", "Pa", "K",
-    "J", "W", "A", "V", "Ohm", "mol", "mol/m3",
-];
 
 /// Prefixes that a base unit may have.
 const PREFIXES: [char; 10] = ['k', 'm', 'u', 'µ', 'M', 'c', 'd', 'h', 'G', 'n'];
@@ -46,29 +39,13 @@ pub fn convert(record: &mut Record, given: &[(String, String)]) -> Result<Vec<St
     Ok(lines)
 }
 
-/// The values of a column in the unit of a variable.
-///
-/// # Errors
-/// Units of different quantities.
-pub fn values_in(column: &Column, own: Option<&str>) -> Result<Vec<f64>, String> {
-    let known = column.unit.as_deref().zip(own).filter(|(unit, own)| unit != own);
-    let Some((unit, own)) = known else { return Ok(column.values.clone()) };
-    match (Base::of(unit), Base::of(own)) {
-        (Some(from), Some(to)) if from.exponents == to.exponents => {
-            let value = |value: &f64| (from.factor * value + from.offset - to.offset) / to.factor;
-            Ok(column.values.iter().map(value).collect())
-        }
-        _ => Err(format!("{} is in {unit}: must be in {own}, or a unit of that quantity", column.name)),
-    }
-}
-
 /// The base unit of the same quantity, without a prefix where there was one; none where there is no text for it.
 fn symbol(unit: &str, base: Base) -> Option<String> {
     let is_base = |text: &&str| {
         Base::of(text).is_some_and(|of| of.exponents == base.exponents && of.factor == 1.0 && of.offset == 0.0)
     };
     let plain = unit.strip_prefix(PREFIXES).filter(is_base);
-    plain.or_else(|| UNITS.into_iter().find(|unit| is_base(unit))).map(str::to_owned)
+    plain.or_else(|| Unit::known().find(|unit| is_base(unit))).map(str::to_owned)
 }
 
 #[cfg(test)]
@@ -112,16 +89,6 @@ mod tests {
         }
         assert_eq!(lines.len(), 9);
         assert_eq!(lines[0], "rpm was converted from rpm to rad/s");
-    }
-
-    #[test]
-    fn a_variable_has_values_in_its_own_unit() {
-        let mut record = record(&["rad/s"]);
-        record.columns[0].values = vec![PI];
-        assert!((values_in(&record.columns[0], Some("rpm")).unwrap()[0] - 30.0).abs() < 1e-12);
-        assert_eq!(values_in(&record.columns[0], None).unwrap(), [PI]);
-        let refused = values_in(&record.columns[0], Some("m")).unwrap_err();
-        assert_eq!(refused, "rad/s is in rad/s: must be in m, or a unit of that quantity");
     }
 
     #[test]
