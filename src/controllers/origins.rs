@@ -157,7 +157,7 @@ pub(super) trait Turning {
     /// The state of the reference model.
     fn model(&self) -> VectorOf<State>;
 
-    /// What depends on an angle, moved with its origin.
+    /// Moves everything that depends on an angle with its origin.
     fn move_along<S: Scalar>(&self, angle: Angle, by: S, v: &mut Point<S>);
 
     /// An element of the measured state, angles counted from their origins.

@@ -10,7 +10,7 @@ use crate::nominal::{Covariance, Identified, USUAL_LEVEL, USUAL_MARGIN};
 
 /// Margin of the bound of disturbances: records may lack the largest.
 const MORE: f64 = 1.2;
-/// How the method of a model is called whose states weren't measured.
+/// Words in the method of a model whose states weren't measured.
 const OUTPUTS_ONLY: &str = "outputs only";
 
 /// The records of an identified plant.

@@ -16,20 +16,21 @@ from sample import NUMBER
 from test_foreign_plants import C_ONLY, PYTHON, in_c, needs_python
 
 OVEN = """
-from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 
 
 class Oven(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.power, self.element, self.chamber = 300.0, 130.0, 80.0
+        self.power, self.element, self.chamber, self.loss = 300.0, 130.0, 80.0, 4.0
         self.register_variable(Real("power", causality=Fmi2Causality.input))
         self.register_variable(Real("element", causality=Fmi2Causality.output))
         self.register_variable(Real("chamber", causality=Fmi2Causality.output))
+        self.register_variable(Real("loss", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
 
     def rates(self, element, chamber):
         radiated = 2e-8 * ((element + 273.15) ** 4 - (chamber + 273.15) ** 4) + 0.5 * (element - chamber)
-        return (self.power - radiated) / 100, (radiated - 4.0 * (chamber - 25.0)) / 400
+        return (self.power - radiated) / 100, (radiated - self.loss * (chamber - 25.0)) / 400
 
     def do_step(self, current_time, step_size):
         for _ in range(4):
@@ -146,3 +147,22 @@ def test_an_oven_in_python_is_recorded_about_its_operating_point_and_controlled(
     print("largest error at rest", error, "power", result["controller.power"].min(), result["controller.power"].max())
     assert result["controller.power"].min() == 0 and result["controller.power"].max() == 800
     assert reference[-1] == 120.0 and error < 0.5, NUMBER
+
+
+@needs_python
+def test_a_parameter_of_an_oven_in_python_is_found(tmp_path: Path) -> None:
+    """With the uncertainty that it leaves in the linear model, of which one entry depends on it."""
+    fmu = oven(tmp_path)
+    rng = np.random.default_rng([NUMBER, 43])
+    record(tmp_path, fmu, levels(rng, 150, 200, 500, 20), 10.0, ["power", "element", "chamber"], [0.5, 0.1])
+    words = ["--inputs", "power", "--outputs", "element,chamber", "--free", "loss=0.5:20", "--set", "loss=6", "--offset", "none", "--json"]
+    told = json.loads(done(tmp_path, "identify", "record.csv", "--fmu", fmu, "--in-process", *words))
+    [loss] = told["parameters"]
+    assert abs(loss["value"] - 4.0) < 5 * loss["error"] and loss["error"] < 0.05, (NUMBER, loss)
+    model = json.loads((tmp_path / "model.json").read_text())
+    errors = dict(zip(map(tuple, model["free"]), np.sqrt(np.diag(model["covariance"])), strict=True))
+    assert errors.pop(("A", 2, 2)) == pytest.approx(loss["error"] / 400, rel=0.2)
+    # Found by experiments, others depend on it by rounding at most.
+    assert all(error < 1e-4 * abs(model[matrix][i - 1][j - 1]) for (matrix, i, j), error in errors.items()), errors
+    done(tmp_path, "new", "pid", "--name", "C", "--plant", "model.json", "--outputs", "chamber", "--reference", "120", "--no-schema")
+    assert json.loads(done(tmp_path, "check", "C.toml", "--json"))["sound"]

@@ -39,7 +39,7 @@ pub struct Asked<'a> {
     pub bandwidth: f64,
     /// Size of each reference.
     pub references: &'a [f64],
-    /// How far the plant may be from this one.
+    /// Uncertainty of the plant.
     pub uncertainty: &'a Uncertainty,
     /// True for a law that adapts.
     pub adapts: bool,

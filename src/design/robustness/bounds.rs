@@ -19,7 +19,7 @@ pub struct Bounds {
     pub A: DMatrix<f64>,
     /// n × m.
     pub B: DMatrix<f64>,
-    /// How they move together; `None` where each is within its bound by itself.
+    /// Region in which they move together; `None` where each is within its bound by itself.
     region: Option<Ellipsoid>,
 }
 

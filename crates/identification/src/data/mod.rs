@@ -76,7 +76,7 @@ pub(crate) struct Data {
     pub scaling: Scaling,
     /// The number of records.
     pub records: usize,
-    /// Of each record, a column, what was subtracted from measured signals and inputs.
+    /// Means that were subtracted from measured signals and inputs, a column for each record.
     pub centre: DMatrix<f64>,
     /// How states show in the measured signals, where these aren't the states themselves.
     pub observed: Option<Observed>,
@@ -193,12 +193,12 @@ pub(crate) struct Source<'a> {
     /// For each record, columns of the inputs, delayed.
     inputs: Vec<Vec<Vec<f64>>>,
     measured: Vec<Vec<&'a [f64]>>,
-    /// Of each record, the first row at which all inputs with their delays are known.
+    /// First row of each record at which all inputs with their delays are known.
     begins: Vec<usize>,
-    /// Of each record, the first signal that has no values.
+    /// First signal of each record that has no values.
     without_values: Vec<Option<String>>,
     longest_delay: f64,
-    /// Of each record, the longest step that is no gap, s.
+    /// Longest step of each record that is no gap, s.
     gaps: Vec<f64>,
     /// The fewest rows of a segment.
     pub fewest: usize,

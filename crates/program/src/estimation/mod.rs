@@ -95,7 +95,7 @@ impl Task<'_> {
         let description = &self.fmu.description;
         let mut unknowns = Vec::new();
         for sought in self.sought {
-            let variable = settable(description, &sought.name)?;
+            let variable = settable(description, sought)?;
             let given = self.start.iter().rev().find(|(name, _)| *name == sought.name).map(|(_, value)| value);
             let value = given.or(variable.start.as_ref()).and_then(|value| value.trim().parse().ok());
             let refuse = || Error::Argument(Invalid::new("--set", &sought.name, "must be a number"));
@@ -115,13 +115,14 @@ impl Task<'_> {
 }
 
 /// A Real variable that can be set before a simulation.
-fn settable<'a>(description: &'a ModelDescription, name: &str) -> Result<&'a Variable, Error> {
+fn settable<'a>(description: &'a ModelDescription, sought: &Sought) -> Result<&'a Variable, Error> {
+    let (name, option) = (&sought.name, if sought.is_of_record { "--initial" } else { "--free" });
     let is_settable = |v: &&Variable| v.kind == "Real" && v.causality != "input" && v.start.is_some();
     let all = || description.variables.iter().filter(is_settable);
-    all().find(|variable| variable.name == name).ok_or_else(|| {
+    all().find(|variable| variable.name == *name).ok_or_else(|| {
         let known: Vec<_> = all().map(|variable| variable.name.as_str()).collect();
         let allowed = format!("is no real parameter or start value; {}", near::choice(name, &known, SHOWS_VARIABLES));
-        Error::Argument(Invalid::new("--free", name, allowed))
+        Error::Argument(Invalid::new(option, name, allowed))
     })
 }
 

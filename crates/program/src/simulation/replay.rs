@@ -56,7 +56,7 @@ pub struct Difference {
     pub delay: usize,
 }
 
-/// How much of the time something was so.
+/// Part of the time in which a control was at its limit, or an estimate at its bound.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Share {
     /// Name of the variable.

@@ -33,10 +33,12 @@ const LEAST_ERROR: f64 = 0.03;
 const MOST_CONDITION: f64 = 1e8;
 /// A sound fit is at least this part of what noise leaves.
 const LEAST_FIT: f64 = 0.5;
-/// Step of a parameter for differences of the linear model, in standard errors.
-const STEP: f64 = 0.1;
-/// Entries of the linear model that depend less than this on the parameters, in parts of the entry, are known.
-const LEAST_SPREAD: f64 = 1e-9;
+/// Step of a parameter for differences of the linear model: in standard errors, and at least in parts of its start value.
+const STEP: f64 = 0.5;
+const LEAST_STEP: f64 = 1e-3;
+/// Entries of the linear model that the parameters leave less uncertain than this, in parts of the entry, are known: what differences
+/// leave of an entry that doesn't depend on them.
+const LEAST_SPREAD: f64 = 1e-6;
 
 #[derive(clap::Args, Debug, Clone)]
 pub struct ParameterOptions {
@@ -231,12 +233,13 @@ fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<
     let is_shared = |&k: &usize| found.parameters[k].record.is_none();
     let (shared, known): (Vec<_>, Vec<_>) =
         (0..found.parameters.len()).filter(is_shared).partition(|&k| found.parameters[k].error > 0.0);
+    let step = |k: usize| (STEP * found.parameters[k].error).max(LEAST_STEP * found.parameters[k].scale);
     let of_record = |linear: Linearisation| of_signals(linear, arguments);
     let at = |moved: Option<(usize, f64)>| {
         let mut start = options.set.clone();
         for &k in shared.iter().chain(&known) {
-            let Estimated { name, value, error, .. } = &found.parameters[k];
-            let more = moved.filter(|(of, _)| *of == k).map_or(0.0, |(_, sign)| sign * STEP * error);
+            let Estimated { name, value, .. } = &found.parameters[k];
+            let more = moved.filter(|(of, _)| *of == k).map_or(0.0, |(_, sign)| sign * step(k));
             start.retain(|(known, _)| known != name);
             start.push((name.clone(), (value + more).to_string()));
         }
@@ -249,7 +252,7 @@ fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<
     for (column, &k) in shared.iter().enumerate() {
         let [above, below] = [1.0, -1.0].map(|sign| at(Some((k, sign))));
         let (above, below) = (entries(&above?), entries(&below?));
-        let width = 2.0 * STEP * found.parameters[k].error;
+        let width = 2.0 * step(k);
         slopes.column_mut(column).iter_mut().enumerate().for_each(|(i, slope)| *slope = (above[i] - below[i]) / width);
     }
     Ok(Linear { linear, slopes, shared })
