@@ -323,7 +323,7 @@ def identify(
 
     data: record, or a list of records of the same plant: DataFrames whose index is the time (s, Timedelta or Timestamp) or that
         have a column "time", dicts of columns and structured arrays with "time", or paths of CSV files. Units may follow the
-        names of columns, as in "speed [rad/s]". Empty cells and NaN are missing values. A column "record" divides a table into
+        names of columns and of the index, as in "speed [rad/s]" and "time [ms]". Empty cells and NaN are missing values. A column "record" divides a table into
         records.
     inputs: names of the columns that are inputs, without units.
     states: names of the columns that are the states; all of them are measured.
@@ -339,7 +339,7 @@ def identify(
     offset: "record" for a constant of each record (default), or None: the records are deviations from a point of rest.
     windows: longest window that is simulated without correction, s. Default: whole records.
     bandwidth: bandwidth of the controller to be designed, rad/s. Default: from the model.
-    time: name of the column with the time. Default: "time", or the index.
+    time: name of the column, or of the index, with the time, without unit. Default: "time", or the index.
 
     Warnings about the records, and findings for which the model should not be used, are given as `ExperimentWarning`.
 
@@ -356,7 +356,7 @@ def identify(
     if not records:
         raise ArgumentError("data = []: must be a record, or several")
     signals = {"inputs": inputs, "states": states, "outputs": outputs, "fixed": fixed or None}
-    texts = {option: joined(given) for option, given in signals.items() if given is not None}
+    texts = {option: joined(option, given) for option, given in signals.items() if given is not None}
     wanted = [name.strip() for text in texts.values() for name in text.split(",") if name.strip()]
     with tempfile.TemporaryDirectory() as folder:
         given = Given(folder)
