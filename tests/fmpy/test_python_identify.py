@@ -288,6 +288,21 @@ def test_arguments_without_a_use_are_refused(identified: adaptive_fmu.Identified
         assert not (tmp_path / "No.toml").exists()
 
 
+def test_experiments_are_refused_in_words_of_python(tmp_path: Path) -> None:
+    for kind, arguments, reason in [
+        ("excitation", {"signal": "chirp"}, ": up_to is missing"),
+        ("excitation", {"signal": "noise"}, "'noise' for 'signal'"),
+        ("excitation", {"up_to": 0}, "invalid value '0' for 'up_to': must be a finite number above 0"),
+        ("excitation", {"amplitude": [1, 2, 3], "inputs": 2}, ": amplitude = 1.0, 2.0, 3.0: must be one number, or 2"),
+        ("excitation", {"operating_point": [1, 2], "inputs": 3}, ": operating_point = 1.0, 2.0: must be one number, or 3"),
+        ("pid", {}, "settling_time is for an experiment"),
+    ]:
+        with pytest.raises(adaptive_fmu.Error) as error:
+            adaptive_fmu.new(kind, tmp_path / "No.toml", **arguments, settling_time=1)
+        assert reason in str(error.value) and "--" not in str(error.value), error.value
+        assert not (tmp_path / "No.toml").exists()
+
+
 def test_design_takes_the_region_of_a_model(identified: adaptive_fmu.Identified, tmp_path: Path) -> None:
     asked = {"settling_time": 0.5, "output": ["speed"], "reference": 50, "kinds": ["pid"]}
     designed = adaptive_fmu.design(plant=identified, **asked, margin=2, level=0.9, out=tmp_path / "design")
