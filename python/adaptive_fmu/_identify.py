@@ -174,7 +174,8 @@ class Identified:
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return n plants (A, B) of the confidence region, always the same ones for a seed.
 
-        By turns they lie on the surface of the region, and are drawn by their likelihood, none beyond the surface.
+        By turns they lie on its surface, and are drawn by their likelihood. Unlike `check`, which keeps what is drawn beyond the
+        surface, this puts it on the surface: controllers are designed for the plants within.
 
         n: number of plants. Default: 200.
         seed: seed of the random numbers. Default: 1.
@@ -186,6 +187,11 @@ class Identified:
         >>> len(plants), plants[0][1].shape
         (10, (2, 1))
         """
+        for name, value in (("n", n), ("seed", seed)):
+            if not isinstance(value, (int, np.integer)) or value < 0:
+                raise ArgumentError(f"{name} = {value!r}: must be a whole number, at least 0")
+        if not 0.0 < margin < math.inf:
+            raise ArgumentError(f"margin = {margin!r}: must be a finite number above 0")
         places = [place for place, (matrix, *_) in enumerate(self.free) if matrix != "d"]
         variances, directions = np.linalg.eigh(self.covariance[np.ix_(places, places)])
         normal = np.random.default_rng(seed).standard_normal((n, len(places)))

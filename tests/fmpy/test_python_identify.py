@@ -185,6 +185,22 @@ def test_plants_lie_in_the_region(identified: adaptive_fmu.Identified) -> None:
     assert not np.array_equal(again[3][0], other[3][0])
 
 
+def test_plants_that_cannot_be_drawn_are_refused(identified: adaptive_fmu.Identified) -> None:
+    assert identified.plants(0) == [] and len(identified.plants(np.int64(3))) == 3
+    for arguments, reason in [
+        ({"n": -1}, "n = -1: must be a whole number, at least 0"),
+        ({"n": 2.5}, "n = 2.5: must be a whole number"),
+        ({"seed": -1}, "seed = -1: must be a whole number, at least 0"),
+        ({"margin": -1}, "margin = -1: must be a finite number above 0"),
+        ({"margin": 0.0}, "margin = 0.0: must be"),
+        ({"margin": np.nan}, "margin = nan: must be"),
+        ({"level": 1}, "level = 1: must be above 0 and below 1"),
+    ]:
+        with pytest.raises(adaptive_fmu.ArgumentError) as error:
+            identified.plants(**arguments)
+        assert str(error.value).startswith(reason), error.value
+
+
 @pytest.mark.parametrize("level", [1e-3, 0.5, 0.9, 0.99, 0.999999])
 def test_quantiles_are_those_of_another_program(level: float) -> None:
     found = [_identify.quantile(level, degrees) for degrees in (1, 2, 3, 6, 25, 120)]
