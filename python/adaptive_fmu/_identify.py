@@ -26,12 +26,6 @@ if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
-#: Columns of the table of entries.
-KEYS = ["value", "error", "kappa"]
-#: Significant digits of numbers in tables.
-DIGITS = 6
-#: Columns of the table of poles.
-POLE = ["pole", "real_error", "imaginary_error"]
 #: Arguments that help where something was found.
 ADVICE = {
     "delay": "`delay` gives dead times",
@@ -67,7 +61,7 @@ class Identified:
         self.D: np.ndarray = np.array(model.get("D") or np.zeros((len(self.outputs), len(self.inputs))), dtype=float)
         units = model.get("units") or {}
         named = (("x", self.states), ("u", self.inputs), ("y", self.outputs))
-        #: Units of measurement by the names of signals, as the columns have them.
+        #: Units of measurement of the model by the names of signals: base units, such as rad/s for a column in rpm.
         self.units: dict[str, str] = {name: unit for key, names in named for name, unit in zip(names, units.get(key, ()))}
         #: Dead time of each input, s.
         self.delay: pd.Series = series(model.get("delay") or 0.0, self.inputs)
@@ -79,27 +73,25 @@ class Identified:
         self.free: list[tuple[str, int, int]] = [(matrix, row, column) for matrix, row, column in model["free"]]
         #: Their covariance, in the order of `free`.
         self.covariance: np.ndarray = np.array(model["covariance"], dtype=float).reshape(len(self.free), len(self.free))
-        rows = {"{}[{},{}]".format(*entry["entry"]): {key: entry[key] for key in KEYS} for entry in answer["entries"]}
+        names = ["{}[{},{}]".format(*entry) for entry in self.free]
         #: Estimates by entry, such as "A[1,2]": value, error (standard error), kappa (its factor for coloured residuals).
-        self.entries: pd.DataFrame = pd.DataFrame.from_dict(rows, orient="index", columns=KEYS)
+        self.entries: pd.DataFrame = pd.DataFrame(answer["entries"], index=names, columns=["value", "error", "kappa"])
         #: Standard errors by entry.
         self.errors: pd.Series = self.entries["error"]
-        #: Standard deviation of the noise of each measured signal.
+        #: Standard deviation of the noise of each measured signal, in the signal's unit.
         self.noise: pd.Series = series(model["noise"], self.outputs)
         #: Bound of what the plant does beyond the model, as each input.
         self.disturbance: pd.Series = series(model["disturbance"], self.inputs)
         fits = {**model["fit"], "ceiling": answer["ceiling"]}
         #: Fit of the held-out part of each measured signal, % of its motion: `held_out` simulated over the whole of it, `windows`
-        #: over the time scale of a controller, `ceiling` the most that noise allows. NaN where there is none.
-        self.fit: pd.DataFrame = pd.DataFrame(
-            {key: series(fits[key], self.outputs) for key in ("held_out", "windows", "ceiling")}
-        )
+        #: over the time scale of a controller, `ceiling` about what noise allows (estimated). NaN where there is none.
+        self.fit: pd.DataFrame = pd.DataFrame({key: series(values, self.outputs) for key, values in fits.items()})
         #: Largest of 20 autocorrelations of the residuals of each measured signal, in units of 1/√N: below 3.7 of white noise.
         self.whiteness: pd.Series = series(model["whiteness"], self.outputs)
         #: Confidence level of the region, also for bounds of controllers.
         self.level: float = model["level"]
         #: Poles, the slowest first: pole (complex, rad/s), and the standard errors real_error and imaginary_error.
-        self.poles: pd.DataFrame = pd.DataFrame([pole_row(pole) for pole in answer["poles"]], columns=POLE)
+        self.poles: pd.DataFrame = pd.DataFrame([pole_row(pole) for pole in answer["poles"]])
         #: Method by which the model was found.
         self.method: str = model["method"]
         #: Records: file, sha256, rows, from and to (s).
@@ -120,7 +112,8 @@ class Identified:
         return "\n\n".join([*tables, "\n".join([f"method: {self.method}", *self._found()])])
 
     def _tables(self) -> list[pd.DataFrame]:
-        return [self.fit.assign(noise=self.noise).rename_axis("fit, %"), self.entries.rename_axis("entry"), self.poles]
+        noise: dict[str, Any] = {"noise": self.noise, "unit of noise": [self.units.get(name, "") for name in self.outputs]}
+        return [self.fit.add_suffix(", %").assign(**noise).rename_axis("signal"), self.entries.rename_axis("entry"), self.poles]
 
     def _found(self) -> list[str]:
         return [finding_line(*finding) for finding in self.findings.itertuples(index=False)]
@@ -269,12 +262,12 @@ def pole_row(pole: dict[str, Any]) -> dict[str, Any]:
     """Row of the table for a pole. A single real pole stays real."""
     along, across, _ = (max(0.0, part or 0.0) ** 0.5 for part in pole["covariance"])
     value = complex(pole["real"], pole["imaginary"])
-    return dict(zip(POLE, (value, along, across if value.imag else 0.0)))
+    return {"pole": value, "real_error": along, "imaginary_error": across if value.imag else 0.0}
 
 
 def shown(value: float) -> str:
     """Text of a number in tables."""
-    return f"{value:.{DIGITS}g}"
+    return f"{value:.6g}"
 
 
 def finding_line(kind: str, verdict: str, text: str) -> str:
@@ -368,17 +361,16 @@ def identify(
         given = Given(folder)
         with retold(given.retold):
             out = given.folder / "model.json"
-            request = ["identify", "--json", f"--out={os.fspath(out)}", f"--level={number(level)}", f"--hold={hold}"]
-            request += [f"--offset={offset or 'none'}", *(f"--{option}={text}" for option, text in texts.items())]
-            request += [f"--structure={given.structure(structure)}"] if structure is not None else []
-            for option, value in (("order", order), ("delay", delay), ("windows", windows), ("bandwidth", bandwidth)):
-                request += [f"--{option}={numbers(value)}"] if value is not None else []
-            request += [f"--time={time}"] if time is not None else []
+            known = {"order": order, "delay": delay, "windows": windows, "bandwidth": bandwidth, "level": level}
+            texts |= {option: numbers(value) for option, value in known.items() if value is not None}
+            texts |= {"out": os.fspath(out), "hold": hold, "offset": offset or "none"} | ({"time": time} if time is not None else {})
+            texts |= {"structure": given.structure(structure)} if structure is not None else {}
             is_part = isinstance(hold_out, (int, float, np.number))
-            request += [f"--hold-out={number(hold_out) if is_part else given.record(hold_out, 'hold_out', time, wanted)}"]
+            texts["hold-out"] = number(hold_out) if is_part else given.record(hold_out, "hold_out", time, wanted)
             named = ["data"] if len(records) == 1 else [f"data[{place}]" for place in range(len(records))]
             files = [given.record(one, name, time, wanted) for one, name in zip(records, named)]
-            answer = done([*request, "--", *files]).json()
+            request = [f"--{option}={text}" for option, text in texts.items()]
+            answer = done(["identify", "--json", *request, "--", *files]).json()
             text = out.read_text(encoding="utf-8")
     for finding in answer["findings"]:
         finding["text"] = given.retold(finding["text"])

@@ -120,6 +120,9 @@ def test_a_model_is_what_the_command_writes_and_says(identified: adaptive_fmu.Id
     assert (found.fit["held_out"] > 95).all() and list(found.noise.index) == ["speed", "current"]
     for part in ["held_out", "B[2,1]", found.method]:
         assert part in found.report and part in found._repr_html_()
+    header = found.report.splitlines()[0].split()
+    assert " ".join(header) == "held_out, % windows, % ceiling, % noise unit of noise", header
+    assert found.report.splitlines()[2].split()[-2:] == [f"{found.noise['speed']:.6g}", "rad/s"]
     system = found.ss()
     assert isinstance(system, control.StateSpace) and system.state_labels == ["speed", "current"]
     np.testing.assert_array_equal(system.A, found.A)
