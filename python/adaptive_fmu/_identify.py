@@ -26,12 +26,6 @@ if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
-#: Columns of the table of entries.
-KEYS = ["value", "error", "kappa"]
-#: Significant digits of numbers in tables.
-DIGITS = 6
-#: Columns of the table of poles.
-POLE = ["pole", "real_error", "imaginary_error"]
 #: Arguments that help where something was found.
 ADVICE = {
     "delay": "`delay` gives dead times",
@@ -67,7 +61,7 @@ class Identified:
         self.D: np.ndarray = np.array(model.get("D") or np.zeros((len(self.outputs), len(self.inputs))), dtype=float)
         units = model.get("units") or {}
         named = (("x", self.states), ("u", self.inputs), ("y", self.outputs))
-        #: Units of measurement by the names of signals, as the columns have them.
+        #: Units of measurement of the model by the names of signals: base units, such as rad/s for a column in rpm.
         self.units: dict[str, str] = {name: unit for key, names in named for name, unit in zip(names, units.get(key, ()))}
         #: Dead time of each input, s.
         self.delay: pd.Series = series(model.get("delay") or 0.0, self.inputs)
@@ -79,27 +73,25 @@ class Identified:
         self.free: list[tuple[str, int, int]] = [(matrix, row, column) for matrix, row, column in model["free"]]
         #: Their covariance, in the order of `free`.
         self.covariance: np.ndarray = np.array(model["covariance"], dtype=float).reshape(len(self.free), len(self.free))
-        rows = {"{}[{},{}]".format(*entry["entry"]): {key: entry[key] for key in KEYS} for entry in answer["entries"]}
+        names = ["{}[{},{}]".format(*entry) for entry in self.free]
         #: Estimates by entry, such as "A[1,2]": value, error (standard error), kappa (its factor for coloured residuals).
-        self.entries: pd.DataFrame = pd.DataFrame.from_dict(rows, orient="index", columns=KEYS)
+        self.entries: pd.DataFrame = pd.DataFrame(answer["entries"], index=names, columns=["value", "error", "kappa"])
         #: Standard errors by entry.
         self.errors: pd.Series = self.entries["error"]
-        #: Standard deviation of the noise of each measured signal.
+        #: Standard deviation of the noise of each measured signal, in the signal's unit.
         self.noise: pd.Series = series(model["noise"], self.outputs)
         #: Bound of what the plant does beyond the model, as each input.
         self.disturbance: pd.Series = series(model["disturbance"], self.inputs)
         fits = {**model["fit"], "ceiling": answer["ceiling"]}
         #: Fit of the held-out part of each measured signal, % of its motion: `held_out` simulated over the whole of it, `windows`
-        #: over the time scale of a controller, `ceiling` the most that noise allows. NaN where there is none.
-        self.fit: pd.DataFrame = pd.DataFrame(
-            {key: series(fits[key], self.outputs) for key in ("held_out", "windows", "ceiling")}
-        )
+        #: over the time scale of a controller, `ceiling` about what noise allows (estimated). NaN where there is none.
+        self.fit: pd.DataFrame = pd.DataFrame({key: series(values, self.outputs) for key, values in fits.items()})
         #: Largest of 20 autocorrelations of the residuals of each measured signal, in units of 1/√N: below 3.7 of white noise.
         self.whiteness: pd.Series = series(model["whiteness"], self.outputs)
         #: Confidence level of the region, also for bounds of controllers.
         self.level: float = model["level"]
         #: Poles, the slowest first: pole (complex, rad/s), and the standard errors real_error and imaginary_error.
-        self.poles: pd.DataFrame = pd.DataFrame([pole_row(pole) for pole in answer["poles"]], columns=POLE)
+        self.poles: pd.DataFrame = pd.DataFrame([pole_row(pole) for pole in answer["poles"]])
         #: Method by which the model was found.
         self.method: str = model["method"]
         #: Records: file, sha256, rows, from and to (s).
@@ -120,7 +112,8 @@ class Identified:
         return "\n\n".join([*tables, "\n".join([f"method: {self.method}", *self._found()])])
 
     def _tables(self) -> list[pd.DataFrame]:
-        return [self.fit.assign(noise=self.noise).rename_axis("fit, %"), self.entries.rename_axis("entry"), self.poles]
+        noise: dict[str, Any] = {"noise": self.noise, "unit of noise": [self.units.get(name, "") for name in self.outputs]}
+        return [self.fit.add_suffix(", %").assign(**noise).rename_axis("signal"), self.entries.rename_axis("entry"), self.poles]
 
     def _found(self) -> list[str]:
         return [finding_line(*finding) for finding in self.findings.itertuples(index=False)]
@@ -174,7 +167,8 @@ class Identified:
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return n plants (A, B) of the confidence region, always the same ones for a seed.
 
-        By turns they lie on the surface of the region, and are drawn by their likelihood, none beyond the surface.
+        By turns they lie on its surface, and are drawn by their likelihood. Unlike `check`, which keeps what is drawn beyond the
+        surface, this puts it on the surface: controllers are designed for the plants within.
 
         n: number of plants. Default: 200.
         seed: seed of the random numbers. Default: 1.
@@ -186,6 +180,11 @@ class Identified:
         >>> len(plants), plants[0][1].shape
         (10, (2, 1))
         """
+        for name, value in (("n", n), ("seed", seed)):
+            if not isinstance(value, (int, np.integer)) or value < 0:
+                raise ArgumentError(f"{name} = {value!r}: must be a whole number, at least 0")
+        if not 0.0 < margin < math.inf:
+            raise ArgumentError(f"margin = {margin!r}: must be a finite number above 0")
         places = [place for place, (matrix, *_) in enumerate(self.free) if matrix != "d"]
         variances, directions = np.linalg.eigh(self.covariance[np.ix_(places, places)])
         normal = np.random.default_rng(seed).standard_normal((n, len(places)))
@@ -263,12 +262,12 @@ def pole_row(pole: dict[str, Any]) -> dict[str, Any]:
     """Row of the table for a pole. A single real pole stays real."""
     along, across, _ = (max(0.0, part or 0.0) ** 0.5 for part in pole["covariance"])
     value = complex(pole["real"], pole["imaginary"])
-    return dict(zip(POLE, (value, along, across if value.imag else 0.0)))
+    return {"pole": value, "real_error": along, "imaginary_error": across if value.imag else 0.0}
 
 
 def shown(value: float) -> str:
     """Text of a number in tables."""
-    return f"{value:.{DIGITS}g}"
+    return f"{value:.6g}"
 
 
 def finding_line(kind: str, verdict: str, text: str) -> str:
@@ -323,7 +322,7 @@ def identify(
 
     data: record, or a list of records of the same plant: DataFrames whose index is the time (s, Timedelta or Timestamp) or that
         have a column "time", dicts of columns and structured arrays with "time", or paths of CSV files. Units may follow the
-        names of columns, as in "speed [rad/s]". Empty cells and NaN are missing values. A column "record" divides a table into
+        names of columns and of the index, as in "speed [rad/s]" and "time [ms]". Empty cells and NaN are missing values. A column "record" divides a table into
         records.
     inputs: names of the columns that are inputs, without units.
     states: names of the columns that are the states; all of them are measured.
@@ -339,7 +338,7 @@ def identify(
     offset: "record" for a constant of each record (default), or None: the records are deviations from a point of rest.
     windows: longest window that is simulated without correction, s. Default: whole records.
     bandwidth: bandwidth of the controller to be designed, rad/s. Default: from the model.
-    time: name of the column with the time. Default: "time", or the index.
+    time: name of the column, or of the index, with the time, without unit. Default: "time", or the index.
 
     Warnings about the records, and findings for which the model should not be used, are given as `ExperimentWarning`.
 
@@ -356,23 +355,22 @@ def identify(
     if not records:
         raise ArgumentError("data = []: must be a record, or several")
     signals = {"inputs": inputs, "states": states, "outputs": outputs, "fixed": fixed or None}
-    texts = {option: joined(given) for option, given in signals.items() if given is not None}
+    texts = {option: joined(option, given) for option, given in signals.items() if given is not None}
     wanted = [name.strip() for text in texts.values() for name in text.split(",") if name.strip()]
     with tempfile.TemporaryDirectory() as folder:
         given = Given(folder)
         with retold(given.retold):
             out = given.folder / "model.json"
-            request = ["identify", "--json", f"--out={os.fspath(out)}", f"--level={number(level)}", f"--hold={hold}"]
-            request += [f"--offset={offset or 'none'}", *(f"--{option}={text}" for option, text in texts.items())]
-            request += [f"--structure={given.structure(structure)}"] if structure is not None else []
-            for option, value in (("order", order), ("delay", delay), ("windows", windows), ("bandwidth", bandwidth)):
-                request += [f"--{option}={numbers(value)}"] if value is not None else []
-            request += [f"--time={time}"] if time is not None else []
+            known = {"order": order, "delay": delay, "windows": windows, "bandwidth": bandwidth, "level": level}
+            texts |= {option: numbers(value) for option, value in known.items() if value is not None}
+            texts |= {"out": os.fspath(out), "hold": hold, "offset": offset or "none"} | ({"time": time} if time is not None else {})
+            texts |= {"structure": given.structure(structure)} if structure is not None else {}
             is_part = isinstance(hold_out, (int, float, np.number))
-            request += [f"--hold-out={number(hold_out) if is_part else given.record(hold_out, 'hold_out', time, wanted)}"]
+            texts["hold-out"] = number(hold_out) if is_part else given.record(hold_out, "hold_out", time, wanted)
             named = ["data"] if len(records) == 1 else [f"data[{place}]" for place in range(len(records))]
             files = [given.record(one, name, time, wanted) for one, name in zip(records, named)]
-            answer = done([*request, "--", *files]).json()
+            request = [f"--{option}={text}" for option, text in texts.items()]
+            answer = done(["identify", "--json", *request, "--", *files]).json()
             text = out.read_text(encoding="utf-8")
     for finding in answer["findings"]:
         finding["text"] = given.retold(finding["text"])

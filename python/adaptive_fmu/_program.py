@@ -72,24 +72,23 @@ def require_unicode(*words: str) -> None:
 
 
 # Keyword arguments whose names differ from those of the options that they become.
-KEYWORDS = {
-    "hold-out": "hold_out",
-    "parameter": "parameters",
-    "set": "values",
-    "settling-time": "settling_time",
-    "steady-state": "steady_state",
-}
+KEYWORDS = {"parameter": "parameters", "set": "values"}
 OPTION = re.compile(
-    r"--(at|bandwidth|case|compile|composite|delay|fixed|fmus|force|free|generations|hold|hold-out|input|inputs|interface|kinds|level|"
-    r"margin|measured|metric|noise|offset|order|out|output|outputs|parameter|particles|plant|platforms|record|reference|seed|separate|"
-    r"set|settling-time|source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|values|want|windows|"
-    r"without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
+    r"--(amplitude|at|bandwidth|case|compile|composite|delay|fixed|fmus|force|free|generations|hold|hold-out|"
+    r"input|inputs|interface|kinds|level|margin|measured|metric|noise|offset|operating-point|order|out|output|"
+    r"outputs|parameter|particles|plant|platforms|record|reference|seed|separate|set|settling-time|signal|"
+    r"source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|up-to|values|"
+    r"want|windows|without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
 )
 
 
 def in_keywords(message: str) -> str:
     """Return a message of the program with keyword arguments in place of the options that they became."""
-    return OPTION.sub(lambda option: KEYWORDS.get(option[1], option[1]) + (f"={option[2]}" if option[2] else ""), message)
+
+    def keyword(option: re.Match[str]) -> str:
+        return KEYWORDS.get(option[1], option[1].replace("-", "_")) + (f"={option[2]}" if option[2] else "")
+
+    return OPTION.sub(keyword, message)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,15 +42,14 @@ class Given:
         """Return the path of a structure."""
         if isinstance(structure, (str, os.PathLike)):
             return os.fspath(structure)
-        if not isinstance(structure, Mapping):
-            raise ArgumentError(
-                f"structure = {structure!r} is not allowed. It must be a dict with A and B, or the path of a TOML file"
-            )
-        lists = {str(key): value.tolist() if isinstance(value, np.ndarray) else value for key, value in structure.items()}
         try:
-            lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in lists.items()]
-        except TypeError as error:
-            raise ArgumentError(f"structure: {error}. A and B must be lists of rows") from None
+            # Numbers and arrays of numpy are written as those of Python.
+            written = json.JSONEncoder(ensure_ascii=False, default=lambda value: value.tolist()).encode
+            lines = [f"{key} = {written(value)}\n" for key, value in structure.items()]
+        except (AttributeError, TypeError):
+            raise ArgumentError(
+                f"structure = {structure!r} is not allowed. It must be a dict with A and B, lists of rows, or the path of a TOML file"
+            ) from None
         file = self.folder / "structure"
         file.write_text("".join(lines), encoding="utf-8")
         return os.fspath(file)
@@ -60,38 +59,45 @@ class Given:
         message = message.replace(f"{self.folder}{os.sep}", "")
         for file, name in self._names.items():
             message = re.sub(rf"(?<!\w){re.escape(file)}(?![\w.])", name, message)
+            # The line of names is no row.
+            message = re.sub(rf"(?<!\w)({re.escape(name)}: )line 1: ", r"\1", message)
             place = rf"(?<!\w)({re.escape(name)}(?:, record [^:]*)?: (?:a gap before )?)line (\d+(?:(?:, | … )\d+)*)"
-            message = re.sub(place, lambda found: f"{found[1]}row {from_zero(found[2])}", message)
+            message = re.sub(place, lambda found: found[1] + "row " + re.sub(r"\d+", row, found[2]), message)
         return message
 
 
-def from_zero(lines: str) -> str:
-    """Lines of a file with one line of names as rows of its table."""
-    return re.sub(r"\d+", lambda line: str(int(line[0]) - 2), lines)
+def row(line: re.Match[str]) -> str:
+    """Row of a table for a line of its file, which has one line of names."""
+    return str(int(line[0]) - 2)
 
 
 def with_time(data: Any, name: str, time: str | None) -> pd.DataFrame:
-    """Return a record as a table whose first column is the time in s."""
+    """Return a record as a table whose first column is the time, in s or in the unit of its name."""
     try:
-        table = data if isinstance(data, pd.DataFrame) else pd.DataFrame(data)
-    except (TypeError, ValueError):
+        table: pd.DataFrame = data if isinstance(data, pd.DataFrame) else pd.DataFrame(data)
+    except (TypeError, ValueError) as error:
         raise ArgumentError(
             f"{name} has the type {type(data).__name__}. It must be a DataFrame, a dict of columns, a structured array, or the "
-            "path of a CSV file"
+            f"path of a CSV file: {error}"
         ) from None
-    column = time or "time"
-    times: Any = table.index
-    if column in table.columns:
-        times, table = table[column], table.drop(columns=column)
-    elif time is not None:
-        raise ArgumentError(f"{name} has no column `{time}` for the time")
-    elif isinstance(times, pd.RangeIndex):
-        raise ArgumentError(
-            f"{name} has no column `time`, and its index counts the rows. Make the time in s the index or a column"
-        )
-    times = pd.Series(np.asarray(times) if times.dtype.kind != "M" else times - times.min())
-    if times.dtype.kind == "m":
-        times = times / pd.Timedelta(seconds=1)
-    table = table.reset_index(drop=True)
-    table.insert(0, column, times.to_numpy())
+    if not len(table):
+        raise ArgumentError(f"{name} has no rows")
+    wanted = time or "time"
+    heads = [str(head) for head in (*table.columns, table.index.name)]
+    # A unit may follow the name.
+    place: Any = next((place for place, head in enumerate(heads) if re.sub(r"\s*\[.*\]$", "", head) == wanted), None)
+    counts = isinstance(table.index, pd.RangeIndex)
+    if place is None and (counts or time is not None):
+        advice = ", and its index counts the rows. Make the time in s the index or a column" if counts else ""
+        raise ArgumentError(f"{name} has no column `{wanted}` for the time{advice}")
+    is_time = np.arange(len(heads) - 1) == place
+    times: Any = pd.Series(table.iloc[:, place] if is_time.any() else table.index).infer_objects().reset_index(drop=True)
+    head = wanted if place is None else heads[place]
+    if times.dtype.kind in "mM":
+        start = times.min() if times.dtype.kind == "M" else pd.Timedelta(0)
+        head, times = wanted, (times - start) / pd.Timedelta(seconds=1)
+    elif times.dtype.kind not in "iuf":
+        raise ArgumentError(f"{name}: {head} = {times[0]!r}: must be a number, or a date: pd.to_datetime makes dates of texts")
+    table = table.loc[:, ~is_time].reset_index(drop=True)
+    table.insert(0, head, times.to_numpy(), allow_duplicates=True)
     return table

@@ -168,8 +168,8 @@ def new(
     """
     file = Path(file)
     request = ["new", kind, f"--name={file.stem}", f"--out={os.fspath(file)}", f"--reference={numbers(reference)}"]
-    for option, size in (("--states", states), ("--inputs", inputs), ("--outputs", outputs)):
-        request += [f"{option}={joined(size) if isinstance(size, Sequence) else size}"] if size is not None else []
+    for option, size in (("states", states), ("inputs", inputs), ("outputs", outputs)):
+        request += [f"--{option}={joined(option, size) if isinstance(size, Sequence) else size}"] if size is not None else []
     known = (("--bandwidth", bandwidth), ("--uncertainty", uncertainty), ("--margin", margin), ("--level", level))
     request += [f"{option}={number(value)}" for option, value in known if value is not None]
     request += trim(free, want, hold)

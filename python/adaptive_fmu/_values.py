@@ -55,9 +55,12 @@ def numbers(values: Any) -> str:
     return number(values)
 
 
-def joined(names: str | Sequence[str]) -> str:
-    """Return names with commas between them."""
-    return names if isinstance(names, str) else ",".join(names)
+def joined(argument: str, names: str | Sequence[str]) -> str:
+    """Return the names that an argument has, with commas between them."""
+    try:
+        return names if isinstance(names, str) else ",".join(names)
+    except TypeError:
+        raise ArgumentError(f"{argument} = {names!r} is not allowed. It must be a name, or a list of names") from None
 
 
 def trim(free: Sequence[str], want: Mapping[str, Value] | None, hold: Sequence[str]) -> list[str]:

@@ -56,6 +56,7 @@ def test_records_in_any_form_give_the_bits_that_their_files_give(tmp_path: Path)
         "Timedelta": table.set_index(spans),
         "Timestamp": table.set_index(pd.Timestamp("2026-01-01", tz="UTC") + spans),
         "dict": column.to_dict("list"),
+        "objects": table.set_index(pd.Index(list(table.index), dtype=object)),
         "structured": column.to_records(index=False),
         "texts": column.assign(note="texts are nothing that a model is of"),
         "path": tmp_path / "record.csv",
@@ -70,6 +71,19 @@ def test_records_in_any_form_give_the_bits_that_their_files_give(tmp_path: Path)
     texts = list(adaptive_fmu.identify(table, **NAMES).findings["text"])
     assert [text.split(":")[1] for text in texts] == [" row 200", " row 100, 101"], texts
     assert adaptive_fmu.identify(forms["path"], **NAMES).findings["text"][1].startswith("record.csv: line 102, 103:")
+
+
+def test_the_time_has_a_name_and_a_unit(tmp_path: Path) -> None:
+    table = frame(48, rows=600)
+    milliseconds = table.set_index(1e3 * table.index).rename_axis("time [ms]")
+    milliseconds.to_csv(tmp_path / "record.csv")
+    expected = adaptive_fmu.identify(tmp_path / "record.csv", **NAMES)
+    assert expected.sample_time == pytest.approx(0.002)
+    for data in (milliseconds, milliseconds.reset_index()):
+        assert numbers(adaptive_fmu.identify(data, **NAMES)) == numbers(expected)
+    named = adaptive_fmu.identify(milliseconds.rename_axis("t [ms]"), **NAMES, time="t")
+    assert numbers(named) == numbers(expected)
+    assert numbers(adaptive_fmu.identify(table.rename_axis("t"), **NAMES, time="t")) == numbers(adaptive_fmu.identify(table, **NAMES))
 
 
 def test_several_records_are_those_of_the_command(tmp_path: Path) -> None:
@@ -106,6 +120,9 @@ def test_a_model_is_what_the_command_writes_and_says(identified: adaptive_fmu.Id
     assert (found.fit["held_out"] > 95).all() and list(found.noise.index) == ["speed", "current"]
     for part in ["held_out", "B[2,1]", found.method]:
         assert part in found.report and part in found._repr_html_()
+    header = found.report.splitlines()[0].split()
+    assert " ".join(header) == "held_out, % windows, % ceiling, % noise unit of noise", header
+    assert found.report.splitlines()[2].split()[-2:] == [f"{found.noise['speed']:.6g}", "rad/s"]
     system = found.ss()
     assert isinstance(system, control.StateSpace) and system.state_labels == ["speed", "current"]
     np.testing.assert_array_equal(system.A, found.A)
@@ -135,6 +152,9 @@ def test_structure_is_a_dict_or_a_file(tmp_path: Path) -> None:
     assert found.B[0, 0] == 0.0 and ("B", 1, 1) not in found.free
     (tmp_path / "structure.toml").write_text('A = [["?<0", "?>0"], ["?<0", "?<0"]]\nB = [[0], ["?>0"]]\n')
     assert numbers(adaptive_fmu.identify(table, **NAMES, structure=tmp_path / "structure.toml")) == numbers(found)
+    # Numbers of numpy are numbers.
+    known["B"] = [[np.int64(0)], np.array(["?>0"])]
+    assert numbers(adaptive_fmu.identify(table, **NAMES, structure=known)) == numbers(found)
     # A row in words, of a motor whose current is told as the rate of a charge.
     worded = adaptive_fmu.identify(
         table.assign(angle=0.002 * table["speed [rad/s]"].cumsum().shift(fill_value=0.0)),
@@ -166,6 +186,22 @@ def test_plants_lie_in_the_region(identified: adaptive_fmu.Identified) -> None:
     again, other = identified.plants(4, seed=NUMBER), identified.plants(4, seed=NUMBER + 1)
     np.testing.assert_array_equal(again[3][0], identified.plants(400, seed=NUMBER)[3][0])
     assert not np.array_equal(again[3][0], other[3][0])
+
+
+def test_plants_that_cannot_be_drawn_are_refused(identified: adaptive_fmu.Identified) -> None:
+    assert identified.plants(0) == [] and len(identified.plants(np.int64(3))) == 3
+    for arguments, reason in [
+        ({"n": -1}, "n = -1: must be a whole number, at least 0"),
+        ({"n": 2.5}, "n = 2.5: must be a whole number"),
+        ({"seed": -1}, "seed = -1: must be a whole number, at least 0"),
+        ({"margin": -1}, "margin = -1: must be a finite number above 0"),
+        ({"margin": 0.0}, "margin = 0.0: must be"),
+        ({"margin": np.nan}, "margin = nan: must be"),
+        ({"level": 1}, "level = 1: must be above 0 and below 1"),
+    ]:
+        with pytest.raises(adaptive_fmu.ArgumentError) as error:
+            identified.plants(**arguments)
+        assert str(error.value).startswith(reason), error.value
 
 
 @pytest.mark.parametrize("level", [1e-3, 0.5, 0.9, 0.99, 0.999999])
@@ -205,9 +241,20 @@ def test_what_is_refused_is_told_in_words_of_python() -> None:
         "'states' cannot be used with 'outputs'": refused(table, outputs=["speed"]),
         'structure: line 1, `A = [["?", "maybe"], ["?", "?"]]`': refused(table, structure={"A": [["?", "maybe"], ["?", "?"]]}),
         "structure = 3 is not allowed": refused(table, structure=3),
-        "structure: ": refused(table, structure={"A": [{1, 2}]}),
+        "structure = {'A': [{1, 2}]} is not allowed. It must be a dict with A and B, lists": refused(
+            table, structure={"A": [{1, 2}]}
+        ),
         "delay = 2 numbers": refused(table, delay=[0, 0.1]),
         "nix.csv": refused("nix.csv"),
+        "data: time = '0.0': must be a number, or a date: pd.to_datetime": refused(table.set_index(table.index.astype(str))),
+        "data: t = '0.0': must be": refused(doubled.assign(t=doubled["time"].astype(str)), time="t"),
+        "data: `voltage` is the name of two columns": refused(pd.concat([table, table[["voltage"]]], axis=1)),
+        "data: `time` is the name of two columns": refused(pd.concat([doubled, doubled[["time"]]], axis=1)),
+        "data has no rows": refused(table.head(0)),
+        "hold_out has no rows": refused(table, hold_out={name: [] for name in COLUMNS}),
+        "All arrays must be of the same length": refused({"time": [0.0, 1.0], "voltage": [1.0]}),
+        "inputs = [0] is not allowed. It must be a name, or a list of names": refused(table, inputs=[0]),
+        "states = 3 is not allowed. It must be a name": refused(table, states=3),
     }
     for part, message in told.items():
         assert part in message and "--" not in message and os.sep + "tmp" not in message, (part, message)
@@ -256,6 +303,21 @@ def test_arguments_without_a_use_are_refused(identified: adaptive_fmu.Identified
     ]:
         with pytest.raises(adaptive_fmu.Error) as error:
             adaptive_fmu.new(kind, tmp_path / "No.toml", plant=plant, **arguments)
+        assert reason in str(error.value) and "--" not in str(error.value), error.value
+        assert not (tmp_path / "No.toml").exists()
+
+
+def test_experiments_are_refused_in_words_of_python(tmp_path: Path) -> None:
+    for kind, arguments, reason in [
+        ("excitation", {"signal": "chirp"}, ": up_to is missing"),
+        ("excitation", {"signal": "noise"}, "'noise' for 'signal'"),
+        ("excitation", {"up_to": 0}, "invalid value '0' for 'up_to': must be a finite number above 0"),
+        ("excitation", {"amplitude": [1, 2, 3], "inputs": 2}, ": amplitude = 1.0, 2.0, 3.0: must be one number, or 2"),
+        ("excitation", {"operating_point": [1, 2], "inputs": 3}, ": operating_point = 1.0, 2.0: must be one number, or 3"),
+        ("pid", {}, "settling_time is for an experiment"),
+    ]:
+        with pytest.raises(adaptive_fmu.Error) as error:
+            adaptive_fmu.new(kind, tmp_path / "No.toml", **arguments, settling_time=1)
         assert reason in str(error.value) and "--" not in str(error.value), error.value
         assert not (tmp_path / "No.toml").exists()
 
