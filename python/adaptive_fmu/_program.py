@@ -74,16 +74,18 @@ def require_unicode(*words: str) -> None:
 # Keyword arguments whose names differ from those of the options that they become.
 KEYWORDS = {
     "hold-out": "hold_out",
+    "operating-point": "operating_point",
     "parameter": "parameters",
     "set": "values",
     "settling-time": "settling_time",
     "steady-state": "steady_state",
+    "up-to": "up_to",
 }
 OPTION = re.compile(
-    r"--(at|bandwidth|case|compile|composite|delay|fixed|fmus|force|free|generations|hold|hold-out|input|inputs|interface|kinds|level|"
-    r"margin|measured|metric|noise|offset|order|out|output|outputs|parameter|particles|plant|platforms|record|reference|seed|separate|"
-    r"set|settling-time|source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|values|want|windows|"
-    r"without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
+    r"--(amplitude|at|bandwidth|case|compile|composite|delay|fixed|fmus|force|free|generations|hold|hold-out|input|inputs|interface|kinds|level|"
+    r"margin|measured|metric|noise|offset|operating-point|order|out|output|outputs|parameter|particles|plant|platforms|record|reference|seed|"
+    r"separate|set|settling-time|signal|source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|up-to|values|want|"
+    r"windows|without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
 )
 
 
