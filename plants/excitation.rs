@@ -3,6 +3,8 @@
 mod signal;
 mod template;
 
+use std::f64::consts::TAU;
+
 use signal::{ExcitationStructure, Periodic, Shape};
 
 use crate::catalogue::{Catalogued, Demonstration, Role, Scale, Stimulus};
@@ -33,7 +35,7 @@ pub struct Excitation {
     u: VectorOf<Signal>,
 }
 
-/// How s goes on.
+/// The course of s.
 #[derive(Debug)]
 enum Course {
     Levels(Levels),
@@ -46,7 +48,7 @@ struct Levels {
     /// The most samples of one.
     longest: f64,
     seed: IntegerOf<Parameter>,
-    /// How many there were, and the sample at which the next one begins.
+    /// The number of levels so far, and the sample at which the next one begins, of each channel.
     count: VectorOf<Discrete>,
     next: VectorOf<Discrete>,
 }
@@ -162,7 +164,13 @@ impl Catalogued for Excitation {
         held: &["command"],
         output: "u",
         shows_all: true,
-        scale: |_, stop_time| Some(Scale { about: 0.0, size: 0.0, duration: stop_time }),
+        // Long enough for some levels, and short enough to tell the samples of a wave apart.
+        scale: |of, stop_time| {
+            let (levels, highest) = (5.0 * of("longest_level"), of("highest_frequency"));
+            let waves = if highest > 0.0 { 40.0 * TAU / highest } else { 0.0 };
+            let duration = (100.0 * of("sample_time")).max(levels).max(waves).min(stop_time);
+            Some(Scale { about: 0.0, size: 0.0, duration })
+        },
         example: "",
     });
 }

@@ -54,7 +54,7 @@ impl Trial {
     pub const NONE: Trial = Trial { alone: "", smooth: "", steady: "", moving: "" };
 }
 
-/// The first element of a parameter, by the model's own name of it.
+/// The first element of a parameter, by the model's own name of it, or a number of the structure.
 pub type Of<'a> = &'a dyn Fn(&str) -> f64;
 
 /// An experiment with a unit alone: pages of units that stand in no loop of this package show what comes of it.

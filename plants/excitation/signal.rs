@@ -7,10 +7,12 @@ use serde::Deserialize;
 use crate::error::{Invalid, Number};
 use crate::system::Scalar;
 
-/// Samples that a signal may have until it repeats.
-const MOST_SAMPLES: f64 = 1e6;
+/// Samples that a level may have, and a signal until it repeats.
+pub(super) const MOST_SAMPLES: f64 = 1e6;
 /// Terms that a multisine may add up in a whole period.
-const MOST_TERMS: f64 = 3e7;
+pub(super) const MOST_TERMS: f64 = 3e7;
+/// Steps of signals, s.
+pub(super) const SAMPLE_TIMES: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
 /// Whole numbers are met up to this part of them.
 const ROUNDING: f64 = 1e-9;
 
@@ -84,7 +86,7 @@ impl Shape {
         if !(1..=1000).contains(channels) {
             return Err(Invalid::new("channels", channels, "must be within 1 … 1000"));
         }
-        if !(*sample_time >= 1e-9 && *sample_time <= 1e9) {
+        if !SAMPLE_TIMES.contains(sample_time) {
             return Err(Invalid::new("sample_time", Number(*sample_time), "must be within 1e-9 … 1e9, in s"));
         }
         let has_levels = *signal == Kind::Levels;
@@ -110,8 +112,13 @@ impl Shape {
     }
 }
 
+/// The whole number of samples of the longest level.
+pub(super) fn of_level(longest: f64, sample_time: f64) -> f64 {
+    (longest / sample_time * (1.0 + ROUNDING)).floor()
+}
+
 fn levels(longest: f64, sample_time: f64) -> Result<Shape, Invalid> {
-    let samples = (longest / sample_time * (1.0 + ROUNDING)).floor();
+    let samples = of_level(longest, sample_time);
     if (super::SHORTEST_LEVEL..=MOST_SAMPLES).contains(&samples) {
         return Ok(Shape::Levels { longest: samples });
     }
@@ -139,7 +146,8 @@ fn highest_in_periods(highest: f64, (period, sample_time): (f64, f64), least: us
         return Ok(highest * period / TAU);
     }
     let [lowest, nyquist] = [lowest, nyquist].map(crate::report::number);
-    let allowed = format!("must be within {lowest} … {nyquist}, in rad/s: from {least}/period to half a turn a sample");
+    let turns = 2 * least;
+    let allowed = format!("must be within {lowest} … {nyquist}, in rad/s: from {turns} pi/period to pi/sample_time");
     Err(Invalid::new("highest_frequency", Number(highest), allowed))
 }
 
@@ -202,7 +210,7 @@ impl Periodic {
     }
 }
 
-/// What is left of a whole number by another: exact below 2^53.
+/// The remainder of a whole number by another: exact below 2^53.
 fn rest<S: Scalar>(number: S, of: f64) -> S {
     number - (number / of).floor() * of
 }

@@ -113,7 +113,7 @@ def new(
     inputs: int | str | Sequence[str] | None = None,
     outputs: int | str | Sequence[str] | None = None,
     bandwidth: float | None = None,
-    reference: float | Sequence[float] = 1.0,
+    reference: float | Sequence[float] | None = None,
     uncertainty: float | None = None,
     margin: float | None = None,
     level: float | None = None,
@@ -154,8 +154,9 @@ def new(
     amplitude: its largest deviation from the operating point, of all inputs or of each. Default: 1.
     operating_point: operating point of all inputs or of each. Default: 0.
     settling_time: rough settling time of the plant, s. Default: 4/bandwidth, or that of the slowest pole of `plant`.
-    step: step of the signal, s. Default: 1/200 of the settling time, rounded down.
-    up_to: highest frequency of a multisine or chirp, rad/s.
+    step: step of the signal, s. Default: 1/200 of the settling time, or a fifth of the time of the fastest pole of `plant`, rounded
+        down.
+    up_to: highest frequency of a multisine or chirp, rad/s. Default: three times the fastest pole of `plant`.
     seed: seed of the levels. Default: 1.
     force: True to overwrite an existing file. Default: False.
 
@@ -167,14 +168,14 @@ def new(
     'Motor.toml'
     """
     file = Path(file)
-    request = ["new", kind, f"--name={file.stem}", f"--out={os.fspath(file)}", f"--reference={numbers(reference)}"]
+    request = ["new", kind, f"--name={file.stem}", f"--out={os.fspath(file)}"]
     for option, size in (("states", states), ("inputs", inputs), ("outputs", outputs)):
         request += [f"--{option}={joined(option, size) if isinstance(size, Sequence) else size}"] if size is not None else []
     known = (("--bandwidth", bandwidth), ("--uncertainty", uncertainty), ("--margin", margin), ("--level", level))
     request += [f"{option}={number(value)}" for option, value in known if value is not None]
     request += trim(free, want, hold)
     request += [f"--signal={signal}"] if signal is not None else []
-    for option, each in (("--amplitude", amplitude), ("--operating-point", operating_point)):
+    for option, each in (("--reference", reference), ("--amplitude", amplitude), ("--operating-point", operating_point)):
         request += [f"{option}={numbers(each)}"] if each is not None else []
     for option, value in (("--settling-time", settling_time), ("--step", step), ("--up-to", up_to)):
         request += [f"{option}={number(value)}"] if value is not None else []

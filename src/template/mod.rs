@@ -184,8 +184,7 @@ impl Request<'_> {
         if self.plant.is_none() {
             return Ok(USUAL_BANDWIDTH);
         }
-        let badly_scaled = || Invalid::because("A is too badly scaled: its eigenvalues can't be found");
-        let poles = eigenvalues::complex(&plant.A).ok_or_else(badly_scaled)?;
+        let poles = plant.poles()?;
         let largest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
         let stable = poles.iter().filter(|pole| pole.re < 0.0 && pole.norm() > 1e-6 * largest).map(|pole| pole.norm());
         let found = stable.reduce(f64::min).map_or(largest, |slowest| 2.0 * slowest);
@@ -264,7 +263,7 @@ impl Request<'_> {
         let wrong = given.into_iter().find(|(name, size)| size.is_some() && !allowed.contains(name));
         wrong.map_or(Ok(()), |(name, size)| {
             let known = allowed.iter().map(|name| format!("--{name}")).collect::<Vec<_>>().join(", ");
-            let text = format!("a {} has no such size; it allows {known}", self.kind);
+            let text = format!("is no size of {}; its sizes are {known}", self.kind);
             Err(Invalid::new(format!("--{name}"), size.unwrap_or_default(), text))
         })
     }
@@ -297,9 +296,13 @@ pub fn experiment(request: &Request) -> (f64, f64) {
     (round_up(20.0 * time).max(USUAL.0), round_down(0.01 * time).max(USUAL.1))
 }
 
-/// Names of signals with something behind each; none where they have none.
+/// Names of signals with something behind each, before an index; none where they have none.
 pub fn named(signals: &Signals, behind: &str) -> Vec<String> {
-    signals.names.iter().map(|name| format!("{name}{behind}")).collect()
+    let with = |name: &String| {
+        let (name, index) = name.split_at(name.find('[').unwrap_or(name.len()));
+        format!("{name}{behind}{index}")
+    };
+    signals.names.iter().map(with).collect()
 }
 
 /// The table of names: those that are known, and how to give others.

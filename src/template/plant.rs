@@ -7,10 +7,11 @@ mod transfer;
 use std::io::Read;
 use std::path::Path;
 
-use nalgebra::DMatrix;
+use nalgebra::{Complex, DMatrix};
 use serde_json::{Map, Value};
 
 use super::{MOST, Records};
+use crate::eigenvalues;
 use crate::error::{Error, Invalid};
 use crate::system::{of_outputs, quantities};
 
@@ -189,6 +190,15 @@ impl Plant {
     pub fn output_quantities(&self) -> Vec<String> {
         let shown = of_outputs(&self.C, &self.x.quantities());
         if shown.is_empty() { self.y.quantities() } else { shown }
+    }
+
+    /// Its poles.
+    ///
+    /// # Errors
+    /// Poles that can't be found.
+    pub fn poles(&self) -> Result<Vec<Complex<f64>>, Invalid> {
+        let badly_scaled = || Invalid::because("A is too badly scaled: its eigenvalues can't be found");
+        eigenvalues::complex(&self.A).ok_or_else(badly_scaled)
     }
 
     /// Step of the records that it was identified from, s.

@@ -88,7 +88,8 @@ pub struct UnitArguments {
     set: Vec<(String, String)>,
     /// Communication step to linearise the FMU of --plant, s [default: the one it proposes, or 0.001]
     ///
-    /// With excitation it is also the step of the signal [default: 1/200 of the settling time, rounded down].
+    /// With excitation it is also the step of the signal [default: 1/200 of the settling time, or a fifth of the time of the fastest pole
+    /// of --plant, rounded down].
     #[arg(long, value_parser = positive)]
     step: Option<f64>,
     #[command(flatten)]
@@ -101,8 +102,8 @@ pub struct UnitArguments {
     /// Without a plant, and for neuro-ppf, it is 2 rad/s.
     #[arg(long, value_parser = positive)]
     bandwidth: Option<f64>,
-    /// Usual magnitude of the reference, in the output's unit of measurement, or of each reference
-    #[arg(long, value_name = "NUMBER,…", default_value = "1", value_delimiter = ',', value_parser = positive)]
+    /// Usual magnitude of the reference, in the output's unit of measurement, or of each reference [default: 1]
+    #[arg(long, value_name = "NUMBER,…", value_delimiter = ',', value_parser = positive)]
     reference: Vec<f64>,
     /// Uncertainty of the numbers of --plant, as 20% or 0.2: L1 controllers are designed for it, other descriptions keep it for `check`
     #[arg(long, value_name = "PART", value_parser = part)]
@@ -157,6 +158,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
     let experiment = experiment.experiment(&asked, arguments.step);
     let experiment = is_experiment(kind).then_some(&experiment);
     let (bandwidth, uncertainty) = (*bandwidth, *uncertainty);
+    let reference = if reference.is_empty() { &[1.0] } else { reference.as_slice() };
     let request = Request { kind, name, sizes, plant, bandwidth, reference, uncertainty, experiment };
     let refuse = |reason: String| Error::Description { file: file.clone(), reason };
     // With a plant, what is refused is about it.
@@ -165,10 +167,11 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
         library::begin(&request).map_err(|invalid| Error::Description { file: about, reason: invalid.to_string() })?;
     let made = Description::read(&begun.text).and_then(|own| Model::from_description(own, library::REGISTRY));
     let made = made.map_err(|invalid| refuse(invalid.to_string()))?;
+    let code = identified.map_or(ExitCode::SUCCESS, |(_, code)| code);
     if arguments.experiment.csv {
         write(&file, &excitation::table(made)?, false, arguments.force)?;
         begun.notes.iter().for_each(|note| remark!("{note}"));
-        return Ok(ExitCode::SUCCESS);
+        return Ok(code);
     }
     let mut text = begun.text;
     if !arguments.no_schema {
@@ -180,10 +183,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
     if let Some(reason) = report.reason() {
         tell!("Not sound: {reason}");
     }
-    Ok(match identified {
-        Some((_, code)) if code != ExitCode::SUCCESS => code,
-        _ => check::exit_code(&report),
-    })
+    Ok(if code == ExitCode::SUCCESS { check::exit_code(&report) } else { code })
 }
 
 /// The file of the model that records give, in the folder of the description, and the exit code of `identify`.

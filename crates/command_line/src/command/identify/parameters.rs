@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use adaptive_fmu::analysis::{Linearisation, OperatingPoint, Quantity, linearise};
+use adaptive_fmu::analysis::{Linearisation, Method, OperatingPoint, Quantity, linearise};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::estimation::{Estimated, Found, Recorded, Sought, Task};
 use adaptive_fmu::fmu::Fmu;
+use adaptive_fmu::model_description::Variable;
 use adaptive_fmu::report::number;
 use adaptive_fmu::simulation::{Inputs, values_of};
 use adaptive_fmu::template::counted;
@@ -33,9 +34,11 @@ const LEAST_ERROR: f64 = 0.03;
 const MOST_CONDITION: f64 = 1e8;
 /// A sound fit is at least this part of what noise leaves.
 const LEAST_FIT: f64 = 0.5;
-/// Step of a parameter for differences of the linear model: in standard errors, and at least in parts of its start value.
+/// Step of a parameter for differences of the linear model: in standard errors, and at least in parts of its start value. The latter is
+/// larger where the linear model is found from responses, which are blurred by the steps of the FMU.
 const STEP: f64 = 0.5;
 const LEAST_STEP: f64 = 1e-3;
+const LEAST_OF_RESPONSES: f64 = 0.1;
 /// Entries of the linear model that the parameters leave less uncertain than this, in parts of the entry, are known: what differences
 /// leave of an entry that doesn't depend on them.
 const LEAST_SPREAD: f64 = 1e-6;
@@ -207,6 +210,8 @@ struct Linear {
     linear: Linearisation,
     /// Entries of A, by rows, then of B.
     slopes: DMatrix<f64>,
+    /// What the parameters seem to leave uncertain of an entry that doesn't depend on them.
+    blur: f64,
     shared: Vec<usize>,
 }
 
@@ -233,13 +238,12 @@ fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<
     let is_shared = |&k: &usize| found.parameters[k].record.is_none();
     let (shared, known): (Vec<_>, Vec<_>) =
         (0..found.parameters.len()).filter(is_shared).partition(|&k| found.parameters[k].error > 0.0);
-    let step = |k: usize| (STEP * found.parameters[k].error).max(LEAST_STEP * found.parameters[k].scale);
     let of_record = |linear: Linearisation| of_signals(linear, arguments);
     let at = |moved: Option<(usize, f64)>| {
         let mut start = options.set.clone();
         for &k in shared.iter().chain(&known) {
             let Estimated { name, value, .. } = &found.parameters[k];
-            let more = moved.filter(|(of, _)| *of == k).map_or(0.0, |(_, sign)| sign * step(k));
+            let more = moved.filter(|(of, _)| *of == k).map_or(0.0, |(_, step)| step);
             start.retain(|(known, _)| known != name);
             start.push((name.clone(), (value + more).to_string()));
         }
@@ -248,19 +252,38 @@ fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<
     let linear = at(None)?;
     let entries =
         |of: &Linearisation| -> Vec<f64> { of.a.transpose().iter().chain(of.b.transpose().iter()).copied().collect() };
+    let (least_step, error) = match linear.method {
+        Method::Responses { difference, .. } => (LEAST_OF_RESPONSES, difference * linear.a.amax().max(linear.b.amax())),
+        Method::Derivatives | Method::Differences { .. } => (LEAST_STEP, 0.0),
+    };
     let mut slopes = DMatrix::zeros(entries(&linear).len(), shared.len());
+    let mut blur: f64 = 0.0;
     for (column, &k) in shared.iter().enumerate() {
-        let [above, below] = [1.0, -1.0].map(|sign| at(Some((k, sign))));
+        let parameter = &found.parameters[k];
+        let step = (STEP * parameter.error).max(least_step * parameter.scale).min(room(fmu, parameter));
+        let [above, below] = [step, -step].map(|moved| at(Some((k, moved))));
         let (above, below) = (entries(&above?), entries(&below?));
-        let width = 2.0 * step(k);
-        slopes.column_mut(column).iter_mut().enumerate().for_each(|(i, slope)| *slope = (above[i] - below[i]) / width);
+        let of_entry = |i: usize| (above[i] - below[i]) / (2.0 * step);
+        slopes.column_mut(column).iter_mut().enumerate().for_each(|(i, slope)| *slope = of_entry(i));
+        blur = blur.hypot(error * parameter.error / step);
     }
-    Ok(Linear { linear, slopes, shared })
+    Ok(Linear { linear, slopes, blur, shared })
+}
+
+/// How far a parameter may be moved to both sides, as the FMU declares.
+fn room(fmu: &Fmu, Estimated { name, value, .. }: &Estimated) -> f64 {
+    let (low, high) = fmu
+        .description
+        .variables
+        .iter()
+        .find(|variable| variable.name == *name)
+        .map_or((f64::NEG_INFINITY, f64::INFINITY), Variable::bounds);
+    (value - low).min(high - value)
 }
 
 /// The linear model as a file has it: what the parameters leave uncertain of A and B.
 fn model(of: &Linear, arguments: &Arguments, records: &[Read], found: &Found, fmu: &Fmu) -> Model {
-    let Linear { linear, slopes, shared } = of;
+    let Linear { linear, slopes, blur, shared } = of;
     let parameters = found.covariance.select_rows(shared).select_columns(shared);
     let all = slopes * parameters * slopes.transpose();
     let (n, m) = linear.b.shape();
@@ -272,7 +295,7 @@ fn model(of: &Linear, arguments: &Arguments, records: &[Read], found: &Found, fm
         None => linear.a[(entry / n, entry % n)],
         Some(of_B) => linear.b[(of_B / m, of_B % m)],
     };
-    let is_free = |&entry: &usize| all[(entry, entry)].sqrt() > LEAST_SPREAD * value(entry).abs();
+    let is_free = |&entry: &usize| all[(entry, entry)].sqrt() > blur.max(LEAST_SPREAD * value(entry).abs());
     let free: Vec<_> = (0..all.nrows()).filter(is_free).collect();
     let names = |of: &[Quantity]| of.iter().map(|quantity| quantity.name.clone()).collect();
     let units = |of: &[Quantity]| of.iter().map(|quantity| quantity.unit.clone().unwrap_or_default()).collect();

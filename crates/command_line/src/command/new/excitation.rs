@@ -9,6 +9,7 @@ use adaptive_fmu::library;
 use adaptive_fmu::model::Model;
 use adaptive_fmu::system::Causality;
 use adaptive_fmu::template::{Experiment, MOST, Sizes, as_written};
+use adaptive_fmu::text_file::csv_field;
 use clap::builder::PossibleValuesParser;
 
 use super::UnitArguments;
@@ -19,15 +20,15 @@ use crate::command::number::{finite, positive};
 const SIGNALS: [&str; 3] = ["levels", "multisine", "chirp"];
 /// Heading of these options in the help.
 const HEADING: &str = "Experiment (excitation)";
-/// Most rows of a table.
-const MOST_ROWS: f64 = 1e7;
+/// Most numbers of a table.
+const MOST_NUMBERS: f64 = 1e7;
 
 #[derive(clap::Args, Debug, Clone)]
 pub struct ExperimentOptions {
     /// Signal that is added to the inputs of the plant [default: levels]
     ///
     /// Levels have random heights and lengths, and show most. A multisine contains all multiples of one frequency, a chirp sweeps
-    /// through all frequencies; both need --up-to.
+    /// through all frequencies; both need --up-to or --plant.
     #[arg(long, value_parser = PossibleValuesParser::new(SIGNALS), help_heading = HEADING)]
     signal: Option<String>,
     /// Largest deviation from the operating point, of all inputs or of each [default: 1]
@@ -39,7 +40,7 @@ pub struct ExperimentOptions {
     /// Settling time of the plant, s, roughly [default: 4/bandwidth, or that of the slowest pole of --plant]
     #[arg(long, value_name = "TIME", value_parser = positive, help_heading = HEADING)]
     settling_time: Option<f64>,
-    /// Highest frequency of a multisine or chirp, rad/s: about three times the fastest pole to be shown
+    /// Highest frequency of a multisine or chirp, rad/s: about three times the fastest pole to be shown [default: that of --plant]
     #[arg(long, value_name = "FREQUENCY", value_parser = positive, help_heading = HEADING)]
     up_to: Option<f64>,
     /// Seed of the levels [default: 1]
@@ -79,7 +80,7 @@ impl ExperimentOptions {
         given.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name)
     }
 
-    /// Refuses options of an experiment for a kind that makes none, and a step that nothing would use.
+    /// Refuses options that nothing would use, for experiments and for kinds that make none.
     pub fn check(&self, kind: &str, arguments: &UnitArguments) -> Result<(), Error> {
         let refuse = |reason: String| Err(Error::Argument(Invalid::because(reason)));
         if !is_experiment(kind) {
@@ -95,16 +96,25 @@ impl ExperimentOptions {
             }
             return Ok(());
         }
-        if self.settling_time.is_none() && arguments.bandwidth.is_none() && arguments.plant.is_none() {
-            return refuse(
+        let has_plant = arguments.plant.is_some() || !arguments.data.is_empty();
+        let has_levels = self.signal.as_deref().is_none_or(|signal| signal == SIGNALS[0]);
+        let reason = match (self.settling_time, arguments.bandwidth) {
+            (None, None) if !has_plant => {
                 "--settling-time is missing: give roughly how long the plant takes to settle after a step, in s"
-                    .to_owned(),
-            );
-        }
-        Ok(())
+            }
+            (Some(_), Some(_)) => "--settling-time and --bandwidth say the same, 4/bandwidth: give one of them",
+            _ if self.seed.is_some() && !has_levels => {
+                "--seed selects levels; a multisine and a chirp have none: leave it out"
+            }
+            _ if !arguments.reference.is_empty() => {
+                "--reference is for controllers: give --amplitude, how far the inputs go"
+            }
+            _ => return Ok(()),
+        };
+        refuse(reason.to_owned())
     }
 
-    /// What belongs to an experiment, with defaults.
+    /// Numbers and names of an experiment, with defaults.
     pub fn asked(&self, arguments: &UnitArguments) -> Asked {
         let or = |given: &[f64], usual: f64| if given.is_empty() { vec![usual] } else { given.to_vec() };
         let names = match &arguments.inputs {
@@ -144,14 +154,17 @@ pub fn table(model: Model) -> Result<String, Error> {
     let (step, length) = (model.description().experiment.step, model.description().experiment.stop_time);
     let failed = |reason: String| Error::Argument(Invalid::because(reason));
     let steps = (length / step).round();
-    if steps > MOST_ROWS {
-        return Err(failed(format!("{steps} rows are too many for a file, at most {MOST_ROWS}: give a longer --step")));
-    }
     let variables = model.variables();
     let outputs = variables.iter().filter(|variable| variable.causality == Causality::Output && variable.is_real());
     let elements: Vec<_> = outputs.flat_map(|variable| (0..variable.len()).map(|k| variable.element(k))).collect();
+    let (rows, columns) = (steps + 1.0, elements.len() + 1);
+    if rows * columns as f64 > MOST_NUMBERS {
+        let reason =
+            format!("{rows} rows of {columns} numbers are too many for a file of at most {MOST_NUMBERS} numbers");
+        return Err(failed(format!("{reason}: give a longer --step")));
+    }
     let mut text = String::from("time");
-    elements.iter().for_each(|element| text.push_str(&format!(",{}", field(&element.name()))));
+    elements.iter().for_each(|element| text.push_str(&format!(",{}", csv_field(&element.name()))));
     text.push('\n');
     let places: Vec<usize> = elements.iter().map(|element| variables.index(*element)).collect();
     let mut execution = Execution::new(model);
@@ -164,9 +177,4 @@ pub fn table(model: Model) -> Result<String, Error> {
         execution.step(time, step).map_err(|error| failed(error.to_string()))?;
     }
     Ok(text)
-}
-
-/// A name as a field of CSV.
-fn field(name: &str) -> String {
-    if name.contains([',', '"']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
 }

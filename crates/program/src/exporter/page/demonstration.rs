@@ -82,7 +82,11 @@ impl Experiment {
         let variables = model.variables();
         let find = |name: &str| variables.iter().find(|variable| variable.name == name && variable.is_real());
         let place = |variable: &Variable, k: usize| variables.index(variable.element(k));
-        let first = |name: &str| find(name).map_or(0.0, |variable| model.start().reals[place(variable, 0)]);
+        let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
+        let of_structure = |name: &str| description.structure.get(name).and_then(number).unwrap_or_default();
+        let first = |name: &str| {
+            find(name).map_or_else(|| of_structure(name), |variable| model.start().reals[place(variable, 0)])
+        };
         let scale = (demonstration.scale)(&first, description.experiment.stop_time)?;
         let named = |variable: &Variable, k: usize| (variable.element(k).name(), place(variable, k));
         let input = find(demonstration.input).map(|variable| named(variable, 0));

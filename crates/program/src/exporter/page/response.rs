@@ -16,6 +16,8 @@ const HEIGHT: f64 = 210.0;
 const LEFT: f64 = 52.0;
 const BOTTOM: f64 = 34.0;
 const MARGIN: f64 = 10.0;
+/// Width of a digit of a label, rather too much.
+const DIGIT: f64 = 6.5;
 /// Part of the time that counts as the start, and by how much a peak there is beyond all that follows if it is cut off.
 const START: f64 = 0.05;
 const BEYOND: f64 = 4.0;
@@ -198,10 +200,12 @@ fn push_axes(page: &mut String, (low, high): (f64, f64), end: f64, x: impl Fn(f6
     for mark in marks(0.0, end, across) {
         let at = x(mark);
         let text = if mark == 0.0 { "0 s".to_owned() } else { shown(mark) };
+        let is_cut = at + 0.5 * DIGIT * text.chars().count() as f64 > WIDTH;
+        let anchor = if is_cut { "end" } else { "middle" };
         let _ = writeln!(
             page,
             "<path class=\"grid\" d=\"M{at:.1} {MARGIN}V{bottom}\"/><text class=\"soft\" x=\"{at:.1}\" y=\"{:.0}\" \
-             text-anchor=\"middle\">{text}</text>",
+             text-anchor=\"{anchor}\">{text}</text>",
             bottom + 16.0
         );
     }
