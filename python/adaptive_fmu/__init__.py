@@ -20,6 +20,7 @@ from ._errors import ArgumentError, Error, ExperimentWarning, Interrupted, Limit
 from ._identify import Identified, identify
 from ._linear import Linearisation
 from ._loop import Loop, Sweep, Tuned
+from ._parameters import Estimated, estimate
 from ._program import program
 from ._result import Result
 from ._units import export, fmus, kinds, linearise, loops, new, simulate
@@ -29,6 +30,7 @@ __all__ = [
     "Checked",
     "Designed",
     "Error",
+    "Estimated",
     "ExperimentWarning",
     "Identified",
     "Interrupted",
@@ -40,6 +42,7 @@ __all__ = [
     "Tuned",
     "check",
     "design",
+    "estimate",
     "export",
     "fmus",
     "identify",

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
+#: Significant digits of numbers in tables.
+DIGITS = 6
 #: Arguments that help where something was found.
 ADVICE = {
     "delay": "`delay` gives dead times",
@@ -267,7 +269,7 @@ def pole_row(pole: dict[str, Any]) -> dict[str, Any]:
 
 def shown(value: float) -> str:
     """Text of a number in tables."""
-    return f"{value:.6g}"
+    return f"{value:.{DIGITS}g}"
 
 
 def finding_line(kind: str, verdict: str, text: str) -> str:
@@ -317,6 +319,7 @@ def identify(
     windows: float | None = None,
     bandwidth: float | None = None,
     time: str | None = None,
+    page: PathLike | None = None,
 ) -> Identified:
     """Identify a linear model of a plant from records, with the uncertainty that they leave, and return it.
 
@@ -339,6 +342,8 @@ def identify(
     windows: longest window that is simulated without correction, s. Default: whole records.
     bandwidth: bandwidth of the controller to be designed, rad/s. Default: from the model.
     time: name of the column, or of the index, with the time, without unit. Default: "time", or the index.
+    page: folder or .html file for a page that shows all of it: measured and simulated signals, residuals, poles, frequency responses.
+        Default: None, none is written.
 
     Warnings about the records, and findings for which the model should not be used, are given as `ExperimentWarning`.
 
@@ -364,6 +369,7 @@ def identify(
             known = {"order": order, "delay": delay, "windows": windows, "bandwidth": bandwidth, "level": level}
             texts |= {option: numbers(value) for option, value in known.items() if value is not None}
             texts |= {"out": os.fspath(out), "hold": hold, "offset": offset or "none"} | ({"time": time} if time is not None else {})
+            texts |= {"page": os.fspath(page)} if page is not None else {}
             texts |= {"structure": given.structure(structure)} if structure is not None else {}
             is_part = isinstance(hold_out, (int, float, np.number))
             texts["hold-out"] = number(hold_out) if is_part else given.record(hold_out, "hold_out", time, wanted)

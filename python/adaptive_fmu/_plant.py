@@ -14,6 +14,7 @@ import numpy as np
 
 from ._errors import ArgumentError
 from ._identify import Identified
+from ._parameters import Estimated
 from ._program import retold
 
 
@@ -24,7 +25,9 @@ def plant_file(plant: Any) -> Iterator[str]:
         yield os.fspath(plant)
         return
     with tempfile.TemporaryDirectory() as folder:
-        if isinstance(plant, Identified):
+        if isinstance(plant, (Identified, Estimated)):
+            if not plant.text:
+                raise ArgumentError("plant has no linear model: its FMU can't be linearised at its start")
             file = Path(folder) / plant.file
             file.write_bytes(plant.text.encode())
         else:
@@ -54,7 +57,7 @@ def _matrices(plant: Any) -> dict[str, Any]:
     if len(parts) != 4 or any(part is None for part in parts):
         raise ArgumentError(
             f"plant has the type {type(plant).__name__}. It must be a linear system of python-control or scipy.signal, matrices "
-            "(A, B, C, D), a Linearisation, an Identified, or the path of a JSON file or an FMU"
+            "(A, B, C, D), a Linearisation, an Identified, an Estimated, or the path of a JSON file or an FMU"
         )
     matrices = {name: np.atleast_2d(np.asarray(part, dtype=float)).tolist() for name, part in zip("ABCD", parts)}
     return matrices | ({"dt": float(dt)} if dt else {})

@@ -7,7 +7,7 @@ use crate::data::Data;
 use crate::layout::{Continuous, Layout};
 use crate::linear::{eigenvalues, pseudoinverse, pseudoinverse_of_units};
 use crate::marquardt::{Fit, Objective, Value};
-use crate::predictor::{Prediction, Window, windows};
+use crate::predictor::{Window, windows};
 use crate::problem::Problem;
 use crate::sampled::Hold;
 
@@ -34,6 +34,8 @@ pub(crate) struct HeldOut {
     pub deviation: Vec<f64>,
     /// True for signals that move.
     pub is_judged: Vec<bool>,
+    /// Measured less simulated values, scaled, 0 where a cell doesn't count: over the whole, or over windows for unstable plants.
+    pub errors: Vec<(Window, DMatrix<f64>)>,
 }
 
 impl HeldOut {
@@ -107,10 +109,11 @@ impl<'a> Simulation<'a> {
         Some(Simulation { problem, fit: Fit { unknowns, value: Value { rms: noise.to_vec(), loss } } })
     }
 
-    fn predictions(&self) -> Option<Vec<Prediction>> {
+    fn errors(&self) -> Option<Vec<(Window, DMatrix<f64>)>> {
         let predictor = self.problem.predictor(&self.fit.unknowns, false)?;
         let weights = self.fit.value.weights();
-        Some(self.problem.windows.iter().map(|window| predictor.predict(*window, &weights)).collect())
+        let of = |window: &Window| (*window, predictor.predict(*window, &weights).e);
+        Some(self.problem.windows.iter().map(of).collect())
     }
 }
 
@@ -142,10 +145,10 @@ pub(crate) fn take_wrong_out(
 }
 
 /// Fit of each signal, %: 100 (1 − ‖y − ŷ‖/‖y − ȳ‖); NaN where it has no motion.
-fn fits(data: &Data, predictions: &[Prediction]) -> Vec<f64> {
+fn fits(data: &Data, errors: &[(Window, DMatrix<f64>)]) -> Vec<f64> {
     let (motion, _) = motion(data);
     let of = |i: usize| {
-        let error: f64 = predictions.iter().map(|prediction| prediction.e.row(i).norm_squared()).sum();
+        let error: f64 = errors.iter().map(|(_, e)| e.row(i).norm_squared()).sum();
         if motion[i] > 0.0 { 100.0 * (1.0 - (error / motion[i]).sqrt()) } else { f64::NAN }
     };
     (0..data.n).map(of).collect()
@@ -171,7 +174,7 @@ pub(crate) fn held_out(
     noise: &[f64],
 ) -> Option<HeldOut> {
     let layout = Layout::offsets(model, offsets, data.records);
-    let over = |longest: usize| Simulation::new(data, &layout, hold, longest, noise)?.predictions();
+    let over = |longest: usize| Simulation::new(data, &layout, hold, longest, noise)?.errors();
     let whole = if is_unstable(&model.a, data.rows()) { None } else { over(usize::MAX) };
     let in_windows = over(time_scale(bandwidth))?;
     let (_, deviation) = motion(data);
@@ -180,11 +183,12 @@ pub(crate) fn held_out(
     };
     let ceiling = deviation.iter().zip(noise).map(of);
     Some(HeldOut {
-        whole: whole.map(|predictions| fits(data, &predictions)),
+        whole: whole.as_ref().map(|errors| fits(data, errors)),
         windows: fits(data, &in_windows),
         ceiling: ceiling.collect(),
         deviation: deviation.clone(),
         is_judged: deviation.iter().zip(noise).map(|(deviation, noise)| *deviation >= STILL * noise).collect(),
+        errors: whole.unwrap_or(in_windows),
     })
 }
 

@@ -187,6 +187,7 @@ impl Request<'_> {
                 Method::OutputError => "output error",
                 Method::Innovation => "innovation form",
             },
+            tested: tested.map(|data| (data, self.tested)),
         };
         Ok(Identified {
             disturbance_over_time: self.course(tested, &results.disturbed),

@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::finding::{Finding, Verdict};
 use crate::model::Model;
 use crate::poles::Pole;
+use crate::residuals::Correlations;
 use crate::sampled::Hold;
+use crate::simulated::SimulatedCourse;
 use crate::structure::Structure;
 
 /// Options of an identification.
@@ -116,6 +118,11 @@ pub struct Identified {
     pub wrong_cells: Vec<WrongCell>,
     /// Fits by order, where only outputs are measured.
     pub orders: Vec<OrderFit>,
+    /// Correlations of the residuals.
+    pub correlations: Correlations,
+    /// Measured signals as the model simulates them.
+    #[serde(skip)]
+    pub courses: Vec<SimulatedCourse>,
 }
 
 impl Identified {

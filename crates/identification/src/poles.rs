@@ -3,8 +3,9 @@
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::layout::{Layout, Place};
+use crate::layout::{Layout, Place, Unknown};
 use crate::linear::{eigenvalues, null_vector};
+use crate::model::{Free, Model};
 
 /// A pole with its covariance, first order.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -37,14 +38,33 @@ impl Pole {
 
 /// The poles of A, the slowest first, with a layout's entries and their covariance.
 pub(crate) fn poles(a: &DMatrix<f64>, layout: &Layout, covariance: &DMatrix<f64>) -> Vec<Pole> {
+    let place = |unknown: &Unknown| match unknown.place {
+        Place::A(i, j) => Some((i, j)),
+        _ => None,
+    };
+    sorted(a, &layout.unknowns.iter().map(place).collect::<Vec<_>>(), covariance)
+}
+
+/// The poles of A, the slowest first, with the covariance of unknowns, some of which are these entries of A.
+fn sorted(a: &DMatrix<f64>, places: &[Option<(usize, usize)>], covariance: &DMatrix<f64>) -> Vec<Pole> {
     let mut found = eigenvalues(a).unwrap_or_default();
     found.sort_by(|p, q| p.norm().total_cmp(&q.norm()).then(q.im.total_cmp(&p.im)));
     let of = |value: &Complex<f64>| Pole {
         real: value.re,
         imaginary: value.im,
-        covariance: covariance_of(a, *value, layout, covariance).unwrap_or([f64::INFINITY; 3]),
+        covariance: covariance_of(a, *value, places, covariance).unwrap_or([f64::INFINITY; 3]),
     };
     found.iter().map(of).collect()
+}
+
+/// The poles of a model, the slowest first, with the covariance that its entries leave.
+pub fn poles_of(model: &Model) -> Vec<Pole> {
+    let n = model.A.len();
+    let a = DMatrix::from_fn(n, n, |i, j| model.A[i][j]);
+    let count = model.free.len();
+    let covariance = DMatrix::from_fn(count, count, |i, j| model.covariance[i][j]);
+    let place = |Free(matrix, row, column): &Free| (matrix == "A").then(|| (row - 1, column - 1));
+    sorted(&a, &model.free.iter().map(place).collect::<Vec<_>>(), &covariance)
 }
 
 /// ∂λ/∂A = w vᵀ / (wᵀ v) of right and left eigenvectors v and w.
@@ -62,17 +82,14 @@ fn derivative(a: &DMatrix<f64>, value: Complex<f64>) -> Option<DMatrix<Complex<f
 fn covariance_of(
     a: &DMatrix<f64>,
     value: Complex<f64>,
-    layout: &Layout,
+    places: &[Option<(usize, usize)>],
     covariance: &DMatrix<f64>,
 ) -> Option<[f64; 3]> {
     let slope = derivative(a, value)?;
-    let part = |unknown: &crate::layout::Unknown, real: bool| match unknown.place {
-        Place::A(i, j) if real => slope[(i, j)].re,
-        Place::A(i, j) => slope[(i, j)].im,
-        _ => 0.0,
+    let vector = |part: fn(Complex<f64>) -> f64| {
+        DVector::from_iterator(places.len(), places.iter().map(|place| place.map_or(0.0, |entry| part(slope[entry]))))
     };
-    let vector = |real: bool| DVector::from_iterator(layout.count(), layout.unknowns.iter().map(|u| part(u, real)));
-    let (re, im) = (vector(true), vector(false));
+    let (re, im) = (vector(|slope| slope.re), vector(|slope| slope.im));
     let form = |p: &DVector<f64>, q: &DVector<f64>| p.dot(&(covariance * q));
     Some([form(&re, &re), form(&im, &im), form(&re, &im)])
 }

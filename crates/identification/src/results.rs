@@ -7,13 +7,15 @@ use crate::layout::Continuous;
 use crate::marquardt::Fit;
 use crate::poles::{Pole, poles};
 use crate::problem::Problem;
-use crate::residuals::Residuals;
+use crate::residuals::{Correlations, Residuals};
 use crate::uncertainty::Uncertainty;
 
 /// Findings of a fit.
 pub(crate) struct Results {
     pub uncertainty: Uncertainty,
+    /// The largest of the first autocorrelations of each signal's residual, in units of 1/√N.
     pub whiteness: Vec<f64>,
+    pub correlations: Correlations,
     /// Fits of the held-out part.
     pub fits: Option<HeldOut>,
     /// Fits of the part that is estimated from.
@@ -38,10 +40,13 @@ impl Results {
         let (data, hold) = (problem.data, problem.hold);
         let uncertainty = Uncertainty::of(problem, fit).ok_or_else(failed)?;
         let residuals = Residuals::of(problem, fit).ok_or_else(failed)?;
+        let correlations = Correlations::of(&residuals, data);
+        let largest = |each: &Vec<f64>| each.iter().fold(0.0, |most: f64, one| most.max(one.abs()));
         let found = poles(&model.a, problem.layout, &uncertainty.covariance);
         Ok(Results {
             uncertainty,
-            whiteness: residuals.whiteness(data.n),
+            whiteness: correlations.own.iter().map(largest).collect(),
+            correlations,
             fits: tested.and_then(|tested| held_out(model, tested, hold, (offsets, band), noise)),
             own: held_out(model, data, hold, (offsets, band), noise),
             disturbed: tested.and_then(|tested| disturbance(model, tested, hold, band, noise)).unwrap_or_default(),

@@ -11,6 +11,7 @@ use crate::model::{Fits, Free, Model, RecordOf, Units, rows};
 use crate::options::{Estimated, Identified, Options};
 use crate::record::Record;
 use crate::results::Results;
+use crate::simulated::{SimulatedCourse, courses};
 use crate::structure::Entries;
 use crate::uncertainty::physical;
 
@@ -28,11 +29,14 @@ pub(crate) struct Parts<'a> {
     /// Root mean square of each signal's residual, scaled.
     pub rms: &'a [f64],
     pub method: &'a str,
+    /// The held-out part, with its records.
+    pub tested: Option<(&'a Data, &'a [&'a Record])>,
 }
 
 /// Results of an identification that those of states and of outputs have.
 pub(crate) fn identified(parts: Parts, estimates: &Estimates, findings: Vec<Finding>) -> Identified {
     let results = parts.results;
+    let courses = courses_of(&parts);
     Identified {
         model: file(parts),
         findings,
@@ -46,7 +50,17 @@ pub(crate) fn identified(parts: Parts, estimates: &Estimates, findings: Vec<Find
         gain: None,
         wrong_cells: Vec::new(),
         orders: Vec::new(),
+        correlations: results.correlations.clone(),
+        courses,
     }
+}
+
+fn courses_of(parts: &Parts) -> Vec<SimulatedCourse> {
+    let (names, results) = (&parts.names.signals.measured, parts.results);
+    let own = results.own.iter().flat_map(|own| courses(parts.data, parts.records, names, own, false));
+    let tested = parts.tested.zip(results.fits.as_ref());
+    own.chain(tested.into_iter().flat_map(|((data, records), fits)| courses(data, records, names, fits, true)))
+        .collect()
 }
 
 /// A model whose states are what is measured, as a file has it.

@@ -23,6 +23,7 @@ pub mod figures;
 #[allow(unsafe_code)]
 pub mod fmu;
 pub mod generated;
+pub mod identified;
 pub mod jit;
 pub mod league;
 pub mod model_description;

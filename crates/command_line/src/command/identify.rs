@@ -1,5 +1,6 @@
 //! `identify`: from records of a plant to a linear model with the uncertainty that the data leave.
 
+mod page;
 mod parameters;
 mod plan;
 mod units;
@@ -14,8 +15,8 @@ use adaptive_fmu::report::{self, number};
 use adaptive_fmu::{begun, near, sealed, text_file};
 use adaptive_fmu_identification::csv::Table;
 use adaptive_fmu_identification::{
-    Cause, Free, Hold, Identified, Kind, LABEL, Model, Options, Record, Signals, Structure, Verdict, identify_outputs,
-    identify_states,
+    Cause, Finding, Free, Hold, Identified, Kind, LABEL, Model, Options, Record, Signals, Structure, Verdict,
+    identify_outputs, identify_states,
 };
 use clap::Parser as _;
 use serde_json::Value;
@@ -30,6 +31,8 @@ const UNSOUND: u8 = 3;
 /// Default of --hold-out, and the least that is too much.
 const HELD_OUT: &str = "30%";
 const MOST_HELD_OUT: f64 = 0.9;
+/// The page, in the folder of --page.
+const PAGE: &str = "identify.html";
 
 /// The arguments by themselves, as another command gives them.
 #[derive(clap::Parser)]
@@ -117,6 +120,11 @@ pub struct Arguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+    /// Write a page: measured and simulated signals, residuals, poles and frequency responses with their uncertainty
+    ///
+    /// A folder, in which it is identify.html, or the file by its name with .html.
+    #[arg(long, value_name = "DIR", conflicts_with = "plan")]
+    page: Option<PathBuf>,
     #[command(flatten)]
     parameters: parameters::ParameterOptions,
     #[command(flatten)]
@@ -127,6 +135,13 @@ impl Arguments {
     /// Names of the inputs.
     fn inputs(&self) -> &[String] {
         self.inputs.as_ref().map_or(&[], |Names(names)| names)
+    }
+
+    /// The file of the page.
+    fn page_file(&self) -> Option<PathBuf> {
+        let page = self.page.as_ref()?;
+        let is_file = page.extension().is_some_and(|end| end == "html");
+        Some(if is_file { page.clone() } else { page.join(PAGE) })
     }
 
     /// Refuses a file that is there already, before anything is computed.
@@ -175,6 +190,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         return plan::execute(file, &arguments.plan, arguments.json).map(|()| ExitCode::SUCCESS);
     }
     arguments.check_out(&arguments.out)?;
+    arguments.page_file().map_or(Ok(()), |file| arguments.check_out(&file))?;
     let records = read(&arguments.records, arguments)?;
     if let Some(fmu) = &arguments.parameters.fmu {
         arguments.check_out(&arguments.out.with_extension("ssv"))?;
@@ -202,11 +218,13 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     let out = &arguments.out;
     place(out, &[(name_of(out)?.into(), &text_of(&found.model)?, arguments.force)])?;
+    let page = page::write(arguments, &page::of_identified(&found, arguments))?;
     if arguments.json {
         say!("{}", as_json(&found)?);
     } else {
         tell_all(&found);
         aside!("the model is in {}", out.display());
+        page.iter().for_each(|page| aside!("the page is {}", page.display()));
     }
     Ok(if found.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(UNSOUND) })
 }
@@ -360,15 +378,18 @@ fn tell_all(found: &Identified) {
         rates.for_each(|(name, most)| say!("{:24} {:>14}", format!("{name}', by no input"), number(*most)));
     }
     say!("\nmethod: {}", model.method);
-    for finding in &found.findings {
-        let verdict = match finding.verdict {
-            Verdict::Note => "note",
-            Verdict::Warning => "warning",
-            Verdict::NotSound => "not sound",
-        };
-        let advice = of_kind(finding.kind).map_or(String::new(), |advice| format!(" ({advice})"));
-        say!("{verdict}: {}{advice}", finding.text);
-    }
+    found.findings.iter().for_each(|finding| say!("{}", told(finding)));
+}
+
+/// A finding in words.
+fn told(finding: &Finding) -> String {
+    let verdict = match finding.verdict {
+        Verdict::Note => "note",
+        Verdict::Warning => "warning",
+        Verdict::NotSound => "not sound",
+    };
+    let advice = of_kind(finding.kind).map_or(String::new(), |advice| format!(" ({advice})"));
+    format!("{verdict}: {}{advice}", finding.text)
 }
 
 fn written(Free(matrix, row, column): &Free) -> String {

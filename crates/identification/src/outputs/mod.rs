@@ -87,7 +87,8 @@ pub fn identify_outputs(
         cells::report(tested, &wrong_tested, records, &mut findings);
     }
     let wrong = cells::listed(&data, &wrong, signals);
-    let request = Request { records: &records, names: &names, options };
+    let request =
+        Request { records: &records, tested: tested_records.as_deref().unwrap_or_default(), names: &names, options };
     let identified = request.identified(&found, tested.as_ref(), choice, findings)?;
     Ok(Identified { wrong_cells: wrong, ..identified })
 }
@@ -178,6 +179,8 @@ impl Found {
 /// The request with what is needed to answer it.
 struct Request<'a> {
     records: &'a [&'a Record],
+    /// The records of the held-out part.
+    tested: &'a [&'a Record],
     names: &'a Names<'a>,
     options: &'a Options,
 }
@@ -220,6 +223,7 @@ impl Request<'_> {
             results: &results,
             rms: noise,
             method: "output error, outputs only",
+            tested: tested.as_ref().map(|data| (data, self.tested)),
         };
         let whole = written::identified(parts, &estimates, findings);
         Ok(Identified {

@@ -41,6 +41,10 @@ pub struct Found {
     pub held_out: Vec<f64>,
     /// The part that noise leaves, %.
     pub ceiling: Vec<f64>,
+    /// Simulated outputs of each record, constant errors of sensors included: a row an output, a column a row of the record.
+    pub simulated: Vec<DMatrix<f64>>,
+    /// Rows of each record that the parameters are estimated from.
+    pub seen: Vec<usize>,
 }
 
 /// Held-out motion that is less, in parts of the noise, shows nothing.
@@ -80,7 +84,8 @@ impl Simulated<'_> {
             let error = if seen.contains(&k) { covariance[(k, k)].sqrt() } else { f64::NAN };
             Estimated { name, unit, record: unknown.record, value, error, scale: unknown.scale(), is_at_end }
         });
-        let (held_out, ceiling) = self.held_out(point, &fit.value.rms)?;
+        let simulated = self.simulated(point)?;
+        let (held_out, ceiling) = self.held_out(&simulated, &fit.value.rms);
         Some(Found {
             parameters: parameters.collect(),
             covariance,
@@ -88,31 +93,39 @@ impl Simulated<'_> {
             noise: fit.value.rms.clone(),
             held_out,
             ceiling,
+            simulated,
+            seen: self.seen.clone(),
         })
     }
 
-    /// Fits of what the search didn't see, and those that a perfect simulation would have with the noise.
-    fn held_out(&self, point: &[f64], rms: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
-        if self.task.hold_out == 0.0 {
-            return Some((Vec::new(), Vec::new()));
+    /// Outputs at a point, with the constant errors that the rows show from which it is estimated.
+    fn simulated(&self, point: &[f64]) -> Option<Vec<DMatrix<f64>>> {
+        let mut courses = self.outputs_at(point).ok()?;
+        for (record, course) in courses.iter_mut().enumerate().filter(|_| self.task.has_offsets) {
+            let e = self.differences(record, course);
+            for i in 0..course.nrows() {
+                let seen: Vec<_> = (0..self.seen[record]).filter(|&row| self.counts(record, i, row)).collect();
+                let offset = seen.iter().map(|&row| e[(i, row)]).sum::<f64>() / seen.len().max(1) as f64;
+                course.row_mut(i).add_scalar_mut(-offset);
+            }
         }
-        let courses = self.outputs_at(point).ok()?;
+        Some(courses)
+    }
+
+    /// Fits of what the search didn't see, and those that a perfect simulation would have with the noise.
+    fn held_out(&self, simulated: &[DMatrix<f64>], rms: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        if self.task.hold_out == 0.0 {
+            return (Vec::new(), Vec::new());
+        }
         let mut fits = (Vec::new(), Vec::new());
         for (i, noise) in rms.iter().enumerate() {
             let (mut off, mut motion, mut count) = (0.0, 0.0, 0);
-            for (record, of) in courses.iter().enumerate() {
+            for (record, of) in simulated.iter().enumerate() {
                 let e = self.differences(record, of);
-                let seen: Vec<_> = (0..self.seen[record]).filter(|&row| self.counts(record, i, row)).collect();
-                let mean = |sum: f64, count: usize| if count > 0 { sum / count as f64 } else { 0.0 };
-                let offset = if self.task.has_offsets {
-                    mean(seen.iter().map(|&row| e[(i, row)]).sum(), seen.len())
-                } else {
-                    0.0
-                };
                 let measured = &self.task.records[record].outputs[i];
                 let rows: Vec<_> = (self.seen[record]..e.ncols()).filter(|&row| measured[row].is_finite()).collect();
-                let middle = mean(rows.iter().map(|&row| measured[row]).sum(), rows.len());
-                off += rows.iter().map(|&row| (e[(i, row)] - offset).powi(2)).sum::<f64>();
+                let middle = rows.iter().map(|&row| measured[row]).sum::<f64>() / rows.len().max(1) as f64;
+                off += rows.iter().map(|&row| e[(i, row)].powi(2)).sum::<f64>();
                 motion += rows.iter().map(|&row| (measured[row] - middle).powi(2)).sum::<f64>();
                 count += rows.len();
             }
@@ -121,6 +134,6 @@ impl Simulated<'_> {
             fits.0.push(if moves { 100.0 * (1.0 - (off / motion).sqrt()) } else { f64::NAN });
             fits.1.push(100.0 * (1.0 - noise / deviation));
         }
-        Some(fits)
+        fits
     }
 }

@@ -18,7 +18,7 @@ use adaptive_fmu_identification::{Fits, Free, Model, RecordOf, Units};
 use nalgebra::DMatrix;
 use serde_json::json;
 
-use super::{Arguments, HoldOf, Offset, Read, UNSOUND, text_of};
+use super::{Arguments, HoldOf, Offset, Read, UNSOUND, page, text_of};
 use crate::command::hosting::HostingOptions;
 use crate::command::linearise::{assignment, open_unit};
 use crate::command::names::Names;
@@ -92,13 +92,19 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
     let linear = linear_model(&fmu, arguments, &found);
     let model = linear.as_ref().ok().map(|linear| model(linear, arguments, records, &found, &fmu));
     write(arguments, &found, model.as_ref(), &fmu)?;
+    let measured: Vec<_> = recorded.iter().map(|record| &record.outputs[..]).collect();
+    let shown = page::OfParameters::new(&found, records, &measured, model.as_ref());
+    let units =
+        outputs.iter().map(|name| fmu.description.variable(name).and_then(|own| own.unit.clone()).unwrap_or_default());
+    let units: Vec<_> = units.collect();
+    let page = page::write(arguments, &shown.report(&found, (model.as_ref(), &findings), &units, arguments))?;
     let set = arguments.out.with_extension("ssv");
     if arguments.json {
         let parameters: Vec<_> = found.parameters.iter().map(as_json).collect();
         say!(
             "{}",
-            json!({ "parameters": parameters, "covariance": rows(&found.covariance), "noise": found.noise,
-                    "fit": found.held_out, "condition": found.condition, "findings": findings, "sound": findings.is_empty(),
+            json!({ "parameters": parameters, "covariance": rows(&found.covariance), "outputs": outputs, "noise": found.noise,
+                    "fit": found.held_out, "ceiling": found.ceiling, "condition": found.condition, "findings": findings, "sound": findings.is_empty(),
                     "model": model, "set": set })
         );
     } else {
@@ -109,6 +115,7 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
             }
             Err(reason) => aside!("the parameters are in {}; there is no linear model: {reason}", set.display()),
         }
+        page.iter().for_each(|page| aside!("the page is {}", page.display()));
     }
     Ok(if findings.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(UNSOUND) })
 }
