@@ -292,7 +292,7 @@ def pole_row(pole: dict[str, Any]) -> dict[str, Any]:
 
 def shown(value: float) -> str:
     """Text of a number in tables."""
-    return f"{value:0.6g}"
+    return f"{value:-.6g}"
 
 
 def finding_line(kind: str, verdict: str, text: str) -> str:
