@@ -18,6 +18,9 @@ use crate::template::{Sizes, Template};
 
 /// The fewest samples of a level.
 const SHORTEST_LEVEL: f64 = 2.0;
+/// Waves that a picture shows clearly, and curves in it.
+const WAVES: f64 = 40.0;
+const CURVES: f64 = 4.0;
 
 /// u = command + offset + amplitude s, with s within −1 … 1 constant from one sample to the next.
 #[derive(Debug)]
@@ -149,6 +152,18 @@ impl Levels {
     }
 }
 
+/// The part of a period in which a chirp, from 1 to κ waves a period, has few enough of them in each of some channels to be seen.
+fn sweep(ratio: f64, channels: f64) -> f64 {
+    // The last channel begins nearly a period ahead, so it is the fastest.
+    let fastest = |part: f64| ratio.powf((part + (channels - 1.0) / channels).min(1.0));
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..50 {
+        let part = 0.5 * (low + high);
+        *(if part * fastest(part) > WAVES { &mut high } else { &mut low }) = part;
+    }
+    low
+}
+
 impl Catalogued for Excitation {
     const PAGE: Page = pages::EXCITATION;
     const ROLE: Role = Role::Excitation;
@@ -166,8 +181,12 @@ impl Catalogued for Excitation {
         shows_all: true,
         // Long enough for some levels, and short enough to tell the samples of a wave apart.
         scale: |of, stop_time| {
-            let (levels, highest) = (5.0 * of("longest_level"), of("highest_frequency"));
-            let waves = if highest > 0.0 { 40.0 * TAU / highest } else { 0.0 };
+            let (levels, highest, period) = (5.0 * of("longest_level"), of("highest_frequency"), of("period"));
+            let waves = match of("signal = chirp") > 0.0 {
+                true => period * sweep(highest * period / TAU, of("channels").min(CURVES)),
+                false if highest > 0.0 => WAVES * TAU / highest,
+                false => 0.0,
+            };
             let duration = (100.0 * of("sample_time")).max(levels).max(waves).min(stop_time);
             Some(Scale { about: 0.0, size: 0.0, duration })
         },

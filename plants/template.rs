@@ -1,4 +1,4 @@
-//! What the texts of new plants, references, sensors and actuators share.
+//! Parts of the texts of new plants, references, sensors and actuators.
 
 use crate::error::Invalid;
 use crate::template::{Magnitudes, Plant, Request, Signals, Text, Values, texts, write_magnitudes};
@@ -9,7 +9,7 @@ pub fn channels(request: &Request, size: Option<usize>, of: fn(&Plant) -> (usize
     own.map_or((size.unwrap_or(1), Signals::default()), |(len, signals)| (len, signals.clone()))
 }
 
-/// How many they are, and their units.
+/// Number of channels, with their units and quantities.
 pub fn write_channels(text: &mut Text, m: usize, signals: &Signals) {
     text.table("structure");
     text.set("channels", m, "how many");

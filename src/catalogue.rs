@@ -54,7 +54,8 @@ impl Trial {
     pub const NONE: Trial = Trial { alone: "", smooth: "", steady: "", moving: "" };
 }
 
-/// The first element of a parameter, by the model's own name of it, or a number of the structure.
+/// The first element of a parameter, by the model's own name of it, or a number of the structure; of `key = text` 1 where the
+/// structure has that, else 0.
 pub type Of<'a> = &'a dyn Fn(&str) -> f64;
 
 /// An experiment with a unit alone: pages of units that stand in no loop of this package show what comes of it.

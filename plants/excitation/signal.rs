@@ -29,7 +29,7 @@ enum Kind {
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExcitationStructure {
-    /// How many inputs of the plant, 1 … 1000.
+    /// Number of inputs of the plant, 1 … 1000.
     pub channels: usize,
     /// Units of the inputs, one each; 1 where none are given.
     #[serde(default)]

@@ -26,6 +26,8 @@ const STEPS: f64 = 200.0;
 const STEPS_OF_FASTEST: f64 = 5.0;
 /// The highest frequency in parts of the fastest pole, where none is given.
 const BEYOND_FASTEST: f64 = 3.0;
+/// Poles are at 0, or on the imaginary axis, up to this part of the fastest.
+const ROUNDING: f64 = 1e-6;
 /// States of a plant that is not known.
 const USUAL_STATES: usize = 4;
 
@@ -49,6 +51,8 @@ struct Poles {
     fastest: f64,
     /// The largest real part, 1/s, where it is beyond rounding.
     unstable: Option<f64>,
+    /// True if one of them is at 0, within rounding.
+    integrates: bool,
 }
 
 impl Poles {
@@ -57,7 +61,8 @@ impl Poles {
         let poles = request.plant.as_ref().and_then(|plant| plant.poles().ok()).unwrap_or_default();
         let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
         let real = poles.iter().map(|pole| pole.re).fold(0.0, f64::max);
-        Poles { fastest, unstable: Some(real).filter(|real| *real > 1e-6 * fastest) }
+        let integrates = poles.iter().any(|pole| pole.norm() <= ROUNDING * fastest);
+        Poles { fastest, unstable: Some(real).filter(|real| *real > ROUNDING * fastest), integrates }
     }
 
     /// The longest step that shows all of them, s.
@@ -253,14 +258,19 @@ fn write_advice(text: &mut Text, request: &Request, times: &Times, (m, amplitude
     text.note(&format!("Advised length of the experiment: {length} s ({why}). After that the signal goes on."));
     if let Some(real) = times.poles.unstable {
         text.note(&format!(
-            "Closed loop: {}. Without a controller nothing settles: connect one to `command` and run the experiment in that loop.",
+            "warning: {}. Without a controller nothing settles: connect one to `command` and run the experiment in that loop.",
             unstable(real)
         ));
+    } else if times.poles.integrates {
+        text.note(
+            "warning: the plant has a pole at 0, so that it drifts. Where it may not, connect a controller to `command` and run the \
+             experiment in that loop.",
+        );
     }
     if times.is_coarse {
         let (fastest, fine) = (times.poles.fastest, round_down(times.poles.step()));
         text.note(&format!(
-            "At this step the record does not show the plant's fastest pole, {} rad/s: that takes about --step {}, and too many \
+            "warning: at this step the record does not show the plant's fastest pole, {} rad/s: that takes about --step {}, and too many \
              samples for this settling time.",
             crate::report::number(fastest),
             crate::report::number(fine)
@@ -273,7 +283,7 @@ fn write_advice(text: &mut Text, request: &Request, times: &Times, (m, amplitude
         if is_beyond {
             let of = request.plant.as_ref().and_then(|plant| plant.u.names.get(i).cloned());
             text.note(&format!(
-                "{} goes from {} to {}, beyond the plant's limits {} … {}: the record would show what was asked for, not what acted.",
+                "warning: {} goes from {} to {}, beyond the plant's limits {} … {}: the record would show what was asked for, not what acted.",
                 of.unwrap_or_else(|| format!("u[{}]", i + 1)),
                 crate::report::number(low),
                 crate::report::number(high),

@@ -48,7 +48,7 @@ class LimitExceeded(Error):
 
 
 class ExperimentWarning(UserWarning):
-    """A record has a fault, or the model that is identified from it should not be used for a design.
+    """A record has or would have a fault, or the model identified from it, or a design for that model, should not be used.
 
     >>> import adaptive_fmu
     >>> issubclass(adaptive_fmu.ExperimentWarning, UserWarning)

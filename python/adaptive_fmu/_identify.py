@@ -216,26 +216,51 @@ class Identified:
             from matplotlib.figure import Figure
         except ImportError as error:
             raise Error("Identified.plot() needs matplotlib. Install it: pip install matplotlib") from error
-        figure = Figure(figsize=(11, 3.4), layout="constrained")
-        fits, poles, errors = figure.subplots(1, 3)
-        places = np.arange(len(self.outputs))
-        for place, key in enumerate(self.fit):
-            fits.bar(places + 0.27 * (place - 1), self.fit[key].clip(0.0), 0.25, label=key)
-        fits.set_xticks(places, self.outputs)
-        fits.set(ylabel="part of the motion, %")
-        fits.legend(fontsize="small")
+        known = self.entries[(self.entries["value"] != 0.0) & np.isfinite(self.entries["error"])]
+        figure = Figure(figsize=(10, max(5.6, 1.2 + 0.2 * len(known), 3.6 + 0.55 * len(self.outputs))), layout="constrained")
+        parts = figure.add_gridspec(2, 2, height_ratios=[0.8 + 0.55 * len(self.outputs), 3.0])
+        fits, poles, errors = (figure.add_subplot(part) for part in (parts[0, 0], parts[1, 0], parts[:, 1]))
+        self._plot_fits(fits)
         found = self.poles["pole"].to_numpy()
-        bars = {"xerr": self.poles["real_error"], "yerr": self.poles["imaginary_error"]}
-        poles.errorbar(found.real, found.imag, **bars, marker="x", linestyle="", capsize=3)
+        along, across = self.poles["real_error"], self.poles["imaginary_error"]
+        poles.errorbar(found.real, found.imag, xerr=along, yerr=across, marker="x", linestyle="", capsize=3)
         poles.set(xlabel="real part, 1/s", ylabel="imaginary part, rad/s")
-        entries = self.entries[self.entries["value"] != 0.0]
-        errors.barh(entries.index, 100 * entries["error"] / entries["value"].abs())
-        errors.invert_yaxis()
-        errors.set(xlabel="part of the entry, %", xscale="log")
+        poles.margins(0.1)
+        poles.locator_params(nbins=5)
+        self._plot_errors(errors, 100 * known["error"] / known["value"].abs())
         for axes, title in zip(figure.axes, ("Fit of the held-out part", "Poles", "Standard errors")):
-            axes.set_title(title, fontsize="medium", loc="left")
+            # Above the legend.
+            axes.set_title(title, fontsize="medium", loc="left", pad=22 if axes is fits else 6)
             axes.grid(alpha=0.3)
+            axes.set_axisbelow(True)
         return figure
+
+    def _plot_fits(self, axes: Any) -> None:
+        """Bars of the fits of each output, with their numbers."""
+        places, count = np.arange(len(self.outputs)), len(self.fit.columns)
+        for place, key in enumerate(self.fit):
+            values = self.fit[key]
+            bars = axes.barh(places + (place - (count - 1) / 2) * 0.8 / count, values.clip(0.0), 0.75 / count, label=key)
+            axes.bar_label(
+                bars,
+                ["" if np.isnan(value) else np.format_float_positional(value, 1, unique=False) for value in values],
+                padding=3,
+                fontsize="small",
+            )
+        axes.set_yticks(places, self.outputs)
+        axes.set(xlabel="part of the motion, %", xlim=(0, 115), ylim=(len(places) - 0.5, -0.5))
+        axes.legend(fontsize="small", ncols=count, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderpad=0.2)
+
+    def _plot_errors(self, axes: Any, parts: pd.Series) -> None:
+        """Bars of relative standard errors, %, with their numbers."""
+        bars = axes.barh(parts.index, parts)
+        texts = [np.format_float_positional(part, 3, fractional=False, trim="-") for part in parts]
+        axes.bar_label(bars, texts, padding=3, fontsize="small")
+        axes.set(xlabel="part of the entry, %", xscale="log", ylim=(len(parts) - 0.4, -0.6))
+        if len(parts):
+            # The shortest bar is seen, and the longest has room for its number.
+            low, high = parts.min() / 3, parts.max()
+            axes.set_xlim(low, high * (high / low) ** 0.25)
 
     def __repr__(self) -> str:
         sizes = f"{len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"
@@ -368,7 +393,9 @@ def identify(
             out = given.folder / "model.json"
             known = {"order": order, "delay": delay, "windows": windows, "bandwidth": bandwidth, "level": level}
             texts |= {option: numbers(value) for option, value in known.items() if value is not None}
-            texts |= {"out": os.fspath(out), "hold": hold, "offset": offset or "none"} | ({"time": time} if time is not None else {})
+            texts |= {"out": os.fspath(out), "hold": hold, "offset": offset or "none"} | (
+                {"time": time} if time is not None else {}
+            )
             texts |= {"page": os.fspath(page)} if page is not None else {}
             texts |= {"structure": given.structure(structure)} if structure is not None else {}
             is_part = isinstance(hold_out, (int, float, np.number))

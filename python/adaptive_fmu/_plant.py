@@ -37,6 +37,17 @@ def plant_file(plant: Any) -> Iterator[str]:
             yield os.fspath(file)
 
 
+def is_of_records(file: str) -> bool:
+    """True for a file of a model with the covariance that its records leave, as `identify` writes it."""
+    if not file.endswith(".json"):
+        return False
+    try:
+        model = json.loads(Path(file).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(model, dict) and model.get("covariance") is not None
+
+
 def _matrices(plant: Any) -> dict[str, Any]:
     """Return the matrices of a plant by their names, as the program reads them."""
     if hasattr(plant, "to_ss"):  # A system of scipy.signal.

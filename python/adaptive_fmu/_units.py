@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from ._errors import ArgumentError
+from ._errors import ArgumentError, ExperimentWarning
 from ._linear import Linearisation
-from ._plant import plant_file
+from ._plant import is_of_records, plant_file
 from ._pool import ask, done
+from ._program import in_keywords
 from ._progress import shown
 from ._result import Result, result_of
 from ._values import PathLike, Value, joined, number, numbers, trim, words
@@ -160,6 +162,9 @@ def new(
     seed: seed of the levels. Default: 1.
     force: True to overwrite an existing file. Default: False.
 
+    Faults that the record of an experiment would have, and verdicts of a design for the region of an identified plant that
+    is not sound or nearly so, are given as `ExperimentWarning`.
+
     Raises `Error` if no controller can be designed for the plant, or if the file exists and `force` is False.
 
     >>> import adaptive_fmu
@@ -182,10 +187,14 @@ def new(
     request += [f"--seed={seed}"] if seed is not None else []
     request += ["--force"] if force else []
     if plant is None:
-        done(request)
+        answer, is_recorded = done(request), False
     else:
         with plant_file(plant) as given:
-            done([*request, f"--plant={given}"])
+            answer, is_recorded = done([*request, f"--plant={given}"]), is_of_records(given)
+    # Experiments alone have faults that are labelled as warnings; other labels are those of verdicts about uncertain plants.
+    for note in answer.notes:
+        if note.startswith("warning: ") or is_recorded and note.startswith(("Warning: ", "Not sound: ")):
+            warnings.warn(in_keywords(note[0].lower() + note[1:]), ExperimentWarning, stacklevel=2)
     return file
 
 

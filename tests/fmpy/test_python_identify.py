@@ -4,6 +4,7 @@ import json
 import os
 import tomllib
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import adaptive_fmu
@@ -12,8 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from adaptive_fmu import _identify
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from recorded import SIGNALS, motor, program, record
 from sample import NUMBER
+from scipy.linalg import expm
 from scipy.stats import chi2, kstest
 
 # Some random motors are slow for their records.
@@ -275,6 +278,81 @@ def test_faults_of_records_are_warnings() -> None:
     limited = table.assign(voltage=table["voltage"].clip(upper=table["voltage"].quantile(0.75)))
     with pytest.warns(adaptive_fmu.ExperimentWarning, match=r"warning: voltage is at [\d.]+ in"):
         adaptive_fmu.identify(limited, **NAMES)
+
+
+def ticks(labels: list, axis: int, limits: tuple[float, float]) -> list:
+    """The labels of an axis that are drawn."""
+    low, high = sorted(limits)
+    return [label for label in labels if label.get_text() and low <= label.get_position()[axis] <= high]
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 1), (4, 2), (6, 3)])
+def test_a_picture_shows_all_of_it_whatever_the_size(n: int, m: int) -> None:
+    rng = np.random.default_rng(NUMBER + n)
+    A, rows = rng.normal(size=(n, n)) - 2 * n**0.5 * np.eye(n), 2000
+    whole = expm(np.block([[A, rng.normal(size=(n, m))], [np.zeros((m, n + m))]]) * 0.02)
+    u, x = rng.uniform(-1, 1, (rows // 20, m)).repeat(20, axis=0), np.zeros((rows, n))
+    for k in range(rows - 1):
+        x[k + 1] = whole[:n, :n] @ x[k] + whole[:n, n:] @ u[k]
+    x += 0.02 * x.std(axis=0) * rng.standard_normal(x.shape)
+    inputs, states = [f"drive_{j}_voltage" for j in range(m)], [f"joint_{i}_angular_velocity" for i in range(n)]
+    found = adaptive_fmu.identify(pd.DataFrame(np.hstack([u, x]), columns=inputs + states, index=0.02 * np.arange(rows)), inputs, states)
+    figure = found.plot()
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    drawn, (fits, poles, errors) = canvas.get_renderer(), figure.axes
+    sheet, frames = figure.bbox, [axes.get_window_extent() for axes in figure.axes]
+    # Texts lie within the sheet, numbers within their axes, and none of them covers another.
+    for axes, frame in zip(figure.axes, frames, strict=True):
+        boxes = {
+            "across": ticks(axes.get_xticklabels(), 0, axes.get_xlim()),
+            "up": ticks(axes.get_yticklabels(), 1, axes.get_ylim()),
+            "numbers": [text for text in axes.texts if text.get_text()],
+        }
+        extents = {kind: [text.get_window_extent(drawn) for text in texts] for kind, texts in boxes.items()}
+        others = [text.get_window_extent(drawn) for text in (axes.xaxis.label, axes.yaxis.label, axes._left_title) if text.get_text()]
+        for box in [*others, *(box for kind in extents.values() for box in kind)]:
+            assert box.x0 >= -1 and box.y0 >= -1 and box.x1 <= sheet.x1 + 1 and box.y1 <= sheet.y1 + 1, (n, box)
+        assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in extents["numbers"]), n
+        for kind, of_kind in extents.items():
+            for one, other in pairwise(of_kind):
+                assert not one.padded(-1).overlaps(other.padded(-1)), (n, axes.get_title(loc="left"), kind)
+    legend = fits.get_legend().get_window_extent(drawn)
+    assert not any(legend.overlaps(frame) for frame in frames) and not legend.padded(-1).overlaps(fits._left_title.get_window_extent(drawn))
+    # Each fit and each error has its bar and number, each pole and its errors lie within the limits.
+    assert len(fits.texts) == 3 * n and len(errors.texts) == len(found.entries)
+    shares = 100 * found.errors / found.entries["value"].abs()
+    np.testing.assert_allclose([float(text.get_text()) for text in errors.texts], shares, rtol=0.006)
+    assert errors.get_xlim()[0] < shares.min() and shares.max() < errors.get_xlim()[1]
+    (left, right), (below, above) = poles.get_xlim(), poles.get_ylim()
+    for pole, along, across in found.poles.itertuples(index=False):
+        assert left < pole.real - along and pole.real + along < right and below < pole.imag - across and pole.imag + across < above
+
+
+def test_new_warns_of_a_region_and_of_experiments(tmp_path: Path) -> None:
+    # So short and noisy a record leaves too much uncertain for a design.
+    with pytest.warns(adaptive_fmu.ExperimentWarning):
+        poor = adaptive_fmu.identify(frame(47, rows=150, noise=0.2), **NAMES)
+    with pytest.warns(adaptive_fmu.ExperimentWarning, match="^(not sound|warning): ") as told:
+        adaptive_fmu.new("l1", tmp_path / "C.toml", plant=poor, **FOR_SPEED)
+    assert told[0].filename == __file__
+    poor.save(tmp_path / "poor.json")
+    with pytest.warns(adaptive_fmu.ExperimentWarning):
+        adaptive_fmu.new("l1", tmp_path / "D.toml", plant=tmp_path / "poor.json", **FOR_SPEED)
+    unstable = [[0.5]], [[1.0]], [[1.0]], [[0.0]]
+    with pytest.warns(adaptive_fmu.ExperimentWarning, match="^warning: the plant has an unstable pole"):
+        adaptive_fmu.new("excitation", tmp_path / "E.toml", plant=unstable, settling_time=2)
+    stable = {"A": [[-1.0, 0.0], [0.0, -1e5]], "B": [[1.0], [1.0]], "C": [[1.0, 0.0]], "u_min": -1, "u_max": 1}
+    (tmp_path / "P.json").write_text(json.dumps(stable))
+    with pytest.warns(adaptive_fmu.ExperimentWarning) as told:
+        adaptive_fmu.new("excitation", tmp_path / "F.toml", plant=tmp_path / "P.json", amplitude=2)
+    assert [str(one.message)[:31] for one in told] == ["warning: at this step the recor", "warning: u[1] goes from -2 to 2"]
+    assert all("--" not in str(one.message) for one in told)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        adaptive_fmu.new("excitation", tmp_path / "G.toml", plant=tmp_path / "P.json", settling_time=4, step=0.02)
+        # A verdict about assumed uncertainty is no fault of a record.
+        adaptive_fmu.new("l1", tmp_path / "H.toml", plant=unstable, uncertainty=0.9, bandwidth=2)
 
 
 @pytest.mark.parametrize("kind", ["pid", "l1"])

@@ -83,7 +83,11 @@ impl Experiment {
         let find = |name: &str| variables.iter().find(|variable| variable.name == name && variable.is_real());
         let place = |variable: &Variable, k: usize| variables.index(variable.element(k));
         let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
-        let of_structure = |name: &str| description.structure.get(name).and_then(number).unwrap_or_default();
+        let given = |key: &str| description.structure.get(key);
+        let of_structure = |name: &str| match name.split_once(" = ") {
+            Some((key, text)) => f64::from(given(key).and_then(toml::Value::as_str) == Some(text)),
+            None => given(name).and_then(number).unwrap_or_default(),
+        };
         let first = |name: &str| {
             find(name).map_or_else(|| of_structure(name), |variable| model.start().reals[place(variable, 0)])
         };
