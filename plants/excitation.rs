@@ -179,7 +179,7 @@ impl Catalogued for Excitation {
         held: &["command"],
         output: "u",
         shows_all: true,
-        // Long enough for some levels, and short enough to tell the samples of a wave apart.
+        // Long enough for some levels, and short enough to distinguish the samples of a wave.
         scale: |of, stop_time| {
             let (levels, highest, period) = (5.0 * of("longest_level"), of("highest_frequency"), of("period"));
             let waves = match of("signal = chirp") > 0.0 {

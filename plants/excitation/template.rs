@@ -57,7 +57,7 @@ struct Poles {
 
 impl Poles {
     fn of(request: &Request) -> Self {
-        // The settling time needs them, and says where they can't be found.
+        // The settling time needs them, and reports if they can't be found.
         let poles = request.plant.as_ref().and_then(|plant| plant.poles().ok()).unwrap_or_default();
         let fastest = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
         let real = poles.iter().map(|pole| pole.re).fold(0.0, f64::max);

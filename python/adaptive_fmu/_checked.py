@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import os
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from ._errors import Error, LimitExceeded
+from ._errors import LimitExceeded
+from ._figures import shown, svg
 from ._pool import done
 from ._values import PathLike, number
 
@@ -71,7 +73,7 @@ class Checked:
         return self
 
     def plot(self) -> Figure:
-        """Return the pictures, one below the other, as a matplotlib figure.
+        """Return the pictures, one below the other, as a figure of matplotlib's pyplot.
 
         >>> import adaptive_fmu
         >>> plant = [[-1.0]], [[2.0]], [[1.0]], [[0.0]]
@@ -79,12 +81,11 @@ class Checked:
         >>> [axes.get_title(loc="left") for axes in adaptive_fmu.check(file).plot().axes][:2]
         ['Step of the reference', 'Step of the reference: controls']
         """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise Error("Checked.plot() needs matplotlib. Install it: pip install matplotlib") from error
+        return shown(self._draw, "Checked.plot()")
+
+    def _draw(self, figure: Figure) -> None:
         count = max(1, len(self.pictures))
-        figure = Figure(figsize=(8, 2.4 * count), layout="constrained")
+        figure.set_size_inches(8, 2.4 * count)
         for place, picture in enumerate(self.pictures):
             axes = figure.add_subplot(count, 1, place + 1)
             colours: dict[str, str] = {}
@@ -95,7 +96,11 @@ class Checked:
             axes.set_title(picture["title"], fontsize="medium", loc="left")
             axes.set(xlabel=picture["x"], ylabel=picture["y"], xscale="log" if picture["logarithmic"] else "linear")
             axes.grid(alpha=0.3)
-        return figure
+
+    def _repr_html_(self) -> str:
+        """Return the HTML for a notebook: the report and its pictures."""
+        head = f"<p><b>{html.escape(self.name)}</b>: {'sound' if self.sound else html.escape(self.verdict)}</p>"
+        return f"{head}<pre>{html.escape(self.text)}</pre>{svg(self._draw) if self.pictures else ''}"
 
     def __repr__(self) -> str:
         return f"<{self.name}: {'sound' if self.sound else self.verdict}>"

@@ -9,7 +9,6 @@ import os
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,17 +16,17 @@ import numpy as np
 import pandas as pd
 
 from ._errors import ArgumentError, Error, ExperimentWarning
+from ._figures import shown as drawn
+from ._figures import svg
 from ._pool import done
 from ._program import retold
 from ._records import Given
-from ._values import PathLike, joined, number, numbers
+from ._values import PathLike, joined, number, numbers, shown
 
 if TYPE_CHECKING:
     import control
     from matplotlib.figure import Figure
 
-#: Significant digits of numbers in tables.
-DIGITS = 6
 #: Arguments that help where something was found.
 ADVICE = {
     "delay": "`delay` gives dead times",
@@ -205,19 +204,18 @@ class Identified:
         return plants
 
     def plot(self) -> Figure:
-        """Return fits, poles and relative standard errors as a matplotlib figure; bars at poles are standard errors.
+        """Return fits, poles and relative standard errors as a figure of matplotlib's pyplot; bars at poles are standard errors.
 
         >>> import adaptive_fmu
         >>> figure = adaptive_fmu.identify(record, ["voltage"], ["speed", "current"]).plot()
         >>> [axes.get_title(loc="left") for axes in figure.axes]
         ['Fit of the held-out part', 'Poles', 'Standard errors']
         """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise Error("Identified.plot() needs matplotlib. Install it: pip install matplotlib") from error
+        return drawn(self._draw, "Identified.plot()")
+
+    def _draw(self, figure: Figure) -> None:
         known = self.entries[(self.entries["value"] != 0.0) & np.isfinite(self.entries["error"])]
-        figure = Figure(figsize=(10, max(5.6, 1.2 + 0.2 * len(known), 3.6 + 0.55 * len(self.outputs))), layout="constrained")
+        figure.set_size_inches(10, max(5.6, 1.2 + 0.2 * len(known), 3.6 + 0.55 * len(self.outputs)))
         parts = figure.add_gridspec(2, 2, height_ratios=[0.8 + 0.55 * len(self.outputs), 3.0])
         fits, poles, errors = (figure.add_subplot(part) for part in (parts[0, 0], parts[1, 0], parts[:, 1]))
         self._plot_fits(fits)
@@ -233,7 +231,6 @@ class Identified:
             axes.set_title(title, fontsize="medium", loc="left", pad=22 if axes is fits else 6)
             axes.grid(alpha=0.3)
             axes.set_axisbelow(True)
-        return figure
 
     def _plot_fits(self, axes: Any) -> None:
         """Bars of the fits of each output, with their numbers."""
@@ -271,13 +268,7 @@ class Identified:
         parts = [f"<p><b>{html.escape(repr(self)[1:-1])}</b> ({html.escape(self.method)})</p>"]
         parts += [table.to_html(float_format=shown) for table in self._tables()]
         parts.append("<ul>" + "".join(f"<li>{html.escape(text)}</li>" for text in self._found()) + "</ul>")
-        try:
-            picture = StringIO()
-            self.plot().savefig(picture, format="svg")
-            parts.append(picture.getvalue()[picture.getvalue().find("<svg") :])
-        except (Error, ImportError):
-            pass
-        return "\n".join(parts)
+        return "\n".join([*parts, svg(self._draw)])
 
 
 def series(values: Any, names: list[str]) -> pd.Series:
@@ -290,11 +281,6 @@ def pole_row(pole: dict[str, Any]) -> dict[str, Any]:
     along, across, _ = (max(0.0, part or 0.0) ** 0.5 for part in pole["covariance"])
     value = complex(pole["real"], pole["imaginary"])
     return {"pole": value, "real_error": along, "imaginary_error": across if value.imag else 0.0}
-
-
-def shown(value: float) -> str:
-    """Text of a number in tables."""
-    return f"{value:.{DIGITS}g}"
 
 
 def finding_line(kind: str, verdict: str, text: str) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import html
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from ._errors import Error
+from ._values import shown
 
 if TYPE_CHECKING:
     import control
@@ -92,6 +94,20 @@ class Linearisation:
         # python-control does not allow a dot in the name of a signal.
         plain = [[name.replace(".", "_") for name in names] for names in (self.states, self.inputs, self.outputs)]
         return control.ss(self.A, self.B, self.C, self.D, states=plain[0], inputs=plain[1], outputs=plain[2], name=self.name)
+
+    def _repr_html_(self) -> str:
+        """Return the HTML for a notebook: the matrices with the names of signals, eigenvalues, and the operating point."""
+        named = {"A": (self.states, self.states), "B": (self.states, self.inputs), "C": (self.outputs, self.states)}
+        named |= {"D": (self.outputs, self.inputs)}
+        parts = [f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>"]
+        for name, (rows, columns) in named.items():
+            table = pd.DataFrame(getattr(self, name), index=rows, columns=columns).rename_axis(name)
+            parts.append(table.to_html(float_format=shown) if table.size else "")
+        eigenvalues = ", ".join(
+            f"{shown(value.real)} {'-' if value.imag < 0 else '+'} {shown(abs(value.imag))}j" for value in self.eigenvalues
+        )
+        parts += [f"<p>eigenvalues, rad/s: {eigenvalues}</p>", self.operating_point.to_html(float_format=shown)]
+        return "\n".join(parts)
 
     def __repr__(self) -> str:
         return (

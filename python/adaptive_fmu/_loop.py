@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import itertools
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -15,20 +17,22 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from . import _pool
-from ._errors import Error, Interrupted
+from ._drafted import Diagram, Drafted
+from ._errors import ArgumentError, Error, Interrupted
 from ._linear import Linearisation
 from ._program import INTERRUPTED
 from ._progress import counted, shown
 from ._result import Result, result_of
-from ._units import linearise, loops
-from ._values import PathLike, Value, number, of_units, words
+from ._units import linearise
+from ._values import PathLike, Value, alias, number, of_units, words
+from ._values import shown as shown_number
 
 #: Values for one component, by the names of its variables.
 OfUnit = Mapping[str, Value]
 
 
 class Loop:
-    """A closed loop: a loop of this package, or an SSP.
+    """A closed loop: a loop of this package, an SSP, or components that `connect` connects.
 
     name: name of the loop, or path of the SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive.
 
@@ -44,20 +48,103 @@ class Loop:
         self.name: str = os.fspath(name)
         #: Result of the last run, even if it was interrupted or failed; None before the first run.
         self.last: Result | None = None
+        self._drafted: Drafted | None = None
+        self._structure()
+
+    @classmethod
+    def connect(
+        cls,
+        *components: PathLike | tuple[str, PathLike],
+        connect: Mapping[str, str] | None = None,
+        name: str | None = None,
+        step: float | None = None,
+        until: float | None = None,
+    ) -> Loop:
+        """Connect components by the names of their signals and return the loop, which `save` stores as an SSP.
+
+        components: FMUs of any tool, description files (NAME.toml), or names of FMUs of this package; a pair (name, component) sets
+            its name in the loop. By default it is named by its role (such as reference, plant or controller) if no other component has
+            that role, else by its file.
+        connect: outputs by the inputs that they go to, where names differ: {"plant.u": "controller.voltage"}. Arrays of equal length
+            are connected element by element.
+        name: name of the loop and of its results. Default: "loop".
+        step: communication step, s. Default: the shortest that an FMU proposes, or 0.001.
+        until: stop time, s. Default: the latest that an FMU proposes, or 10.
+
+        Inputs that remain unconnected are listed in a warning. They keep their start values.
+
+        Raises `ArgumentError` if a component or signal does not exist or a connection does not fit.
+
+        >>> import adaptive_fmu
+        >>> parts = ["ReferenceNonlinearSiso", "NonlinearSiso", "L1NonlinearSiso"]
+        >>> loop = adaptive_fmu.Loop.connect(*parts, connect={"plant.u": "controller.u"}, step=0.001, until=5)
+        >>> [len(loop.run().data), loop.save(folder / "own").name]
+        [5001, 'own']
+        """
+        drafted = Drafted(components, dict(connect or {}), name or "loop", step, until)
+        draft = drafted.write(drafted.folder)
+        if draft["open"]:
+            lines = "; ".join(f"{each['input']} ({each['reason']})" for each in draft["open"])
+            warnings.warn(f"inputs that are not connected keep their start values: {lines}", stacklevel=2)
+        for warning in draft["warnings"]:
+            warnings.warn(warning.removeprefix("warning: "), stacklevel=2)
+        loop = cls(drafted.folder)
+        loop._drafted = drafted
+        return loop
+
+    def save(self, folder: PathLike, *, force: bool = False) -> Path:
+        """Write a loop of `connect` as an SSP into a folder, SystemStructure.ssd, and return the folder. The loop stays where it is.
+
+        folder: folder to write into, created if it does not exist. Other files in it stay as they are.
+        force: True to overwrite an existing SystemStructure.ssd. Default: False.
+
+        Raises `Error` if the loop is not one of `connect`, which is in a folder already.
+
+        >>> import adaptive_fmu
+        >>> loop = adaptive_fmu.Loop.connect("ReferenceNonlinearSiso", "NonlinearSiso", "L1NonlinearSiso")
+        >>> (loop.save(folder / "saved") / "SystemStructure.ssd").is_file()
+        True
+        """
+        if self._drafted is None:
+            raise Error(f"{self.name} is stored already. Only loops of Loop.connect are saved")
+        self._drafted.write(folder, force=force)
+        return Path(folder)
+
+    def diagram(self) -> Diagram:
+        """Return a diagram of components and connections, which notebooks show; its text is SVG.
+
+        >>> import adaptive_fmu
+        >>> str(adaptive_fmu.Loop("3.2.1-cosine").diagram())[:4]
+        '<svg'
+        """
+        return Diagram(self._structure())
+
+    def _structure(self) -> dict[str, Any]:
+        if self.name.endswith(".fmu"):
+            raise ArgumentError(
+                f"{self.name} is an FMU, not a loop: `adaptive_fmu.simulate` simulates it, `adaptive_fmu.Loop.connect` connects it with others"
+            )
+        structure: dict[str, Any] = _pool.done(["info", "--json", *self._named]).json()
+        return structure
+
+    def _repr_html_(self) -> str:
+        """Return the HTML for a notebook: the diagram."""
+        return f"<p><b>{html.escape(self._structure()['name'])}</b>: {html.escape(self.description)}</p>{self.diagram()}"
 
     def __repr__(self) -> str:
+        if self._drafted is not None:
+            return f"Loop.connect({', '.join(map(repr, self._drafted.components))})"
         return f"Loop({self.name!r})"
 
     @property
     def description(self) -> str:
-        """Description of what the loop shows; "" if it is not a loop of this package.
+        """Description of what the loop shows; "" if it has none.
 
         >>> import adaptive_fmu
         >>> adaptive_fmu.Loop("3.2.1-square").description
         'L1 adaptive control of an uncertain nonlinear system, square-wave reference (example 3.2.1)'
         """
-        known = loops()["description"]
-        return str(known.get(self.name, ""))
+        return str(self._structure()["description"])
 
     def run(
         self,
@@ -68,6 +155,9 @@ class Loop:
         composite: bool = False,
         case: PathLike | Sequence[PathLike] = (),
         values: Mapping[str, Value] | None = None,
+        start_values: Mapping[str, Value] | None = None,
+        stop_time: float | None = None,
+        output_interval: float | None = None,
         fmus: PathLike | None = None,
         out: PathLike | None = None,
         progress: bool | None = None,
@@ -75,13 +165,14 @@ class Loop:
     ) -> Result:
         """Run the loop and return its `Result`.
 
-        until: stop time, s. Default: the loop's own.
-        step: communication step, s. Default: the loop's own.
+        until: stop time, s. Default: the loop's own. `stop_time` is the same.
+        step: communication step, s. Default: the loop's own. `output_interval` is the same.
         order: order of stepping, "gauss-seidel" or "jacobi". Default: the loop's own.
         composite: True to simulate the loop as one continuous system, with `step` as the output interval. It excludes `order` and
             `fmus`. Default: False, each component is simulated separately.
         case: parameter set (.ssv) to apply, or several. If several sets give a variable a value, the last one counts.
-        values: start values by name, "component.variable". They override those of `case`. An array sets each element.
+        values: start values by name, "component.variable". They override those of `case`. An array sets each element. `start_values` is
+            the same.
         **units: start values of one component by the names of its variables, e.g. `plant={"omega": 2.5}`. They override `values`.
         fmus: folder with FMUs to use as they are. Default: those that come with the loop; others are generated from descriptions.
         out: folder for a page with plots, CSV and metrics. Default: None, nothing is written.
@@ -97,6 +188,8 @@ class Loop:
         >>> result.holds, float(result.data.loc[0, "plant.x[1]"])
         (True, 0.1)
         """
+        until, step = alias("until", until, "stop_time", stop_time), alias("step", step, "output_interval", output_interval)
+        values = alias("values", values, "start_values", start_values)
         request = ["run", *self._words(until, step, order, composite, case, fmus), "--json"]
         request += words("--set", of_units(values, units))
         request += [f"--out={os.fspath(out)}"] if out is not None else []
@@ -386,6 +479,15 @@ class Tuned:
         self.folder = folder
         #: Notes and warnings that the program printed.
         self.notes: list[str] = list(notes)
+
+    def _repr_html_(self) -> str:
+        """Return the HTML for a notebook: values, objective, and notes."""
+        values = pd.DataFrame({"value": self.values}).rename_axis("parameter")
+        objective = f"objective {shown_number(self.objective)}"
+        objective += "" if self.before is None else f", before the search {shown_number(self.before)}"
+        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
+        head = f"<p><b>{html.escape(self.name)}</b>: {objective}; {self.runs} runs, {self.failed} failed, {self.ended}</p>"
+        return f"{head}{values.to_html(float_format=shown_number)}<ul>{notes}</ul>"
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.6g}" for name, value in self.values.items())

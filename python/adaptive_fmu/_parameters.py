@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 
 from ._errors import ArgumentError, Error, ExperimentWarning
-from ._identify import series, shown
+from ._identify import series
 from ._pool import done
 from ._program import retold
 from ._records import Given
-from ._values import PathLike, Value, joined, number, words
+from ._values import PathLike, Value, joined, number, shown, words
 
 #: Ranges of parameters.
 Ranges = Mapping[str, "tuple[float, float] | None"]

@@ -81,6 +81,14 @@ OPTION = re.compile(
     r"want|windows|without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
 )
 
+# Commands that messages name, and the calls that do the same.
+COMMANDS = {
+    r"`adaptive-fmu simulate ([^`]*)`": r"`adaptive_fmu.simulate('\1')`",
+    r"`adaptive-fmu new loop --units ([^`]*) …`": r"`adaptive_fmu.Loop.connect('\1', …)`",
+    r"--units": "component",
+    r"--connect": "connect",
+}
+
 
 def in_keywords(message: str) -> str:
     """Return a message of the program with keyword arguments in place of the options that they became."""
@@ -88,6 +96,8 @@ def in_keywords(message: str) -> str:
     def keyword(option: re.Match[str]) -> str:
         return KEYWORDS.get(option[1], option[1].replace("-", "_")) + (f"={option[2]}" if option[2] else "")
 
+    for command, call in COMMANDS.items():
+        message = re.sub(command, call, message)
     return OPTION.sub(keyword, message)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from ._program import Progress
@@ -43,12 +45,14 @@ def counted(name: str, runs: int, wanted: bool | None) -> Iterator[Any]:
 
 
 def _bar(name: str, wanted: bool | None, **further: Any) -> Any:
+    in_notebook = _is_notebook()
     if wanted is None:
-        wanted = _is_notebook() or sys.stderr is not None and sys.stderr.isatty()
+        # Without ipywidgets a bar would be text in a red box.
+        wanted = find_spec("ipywidgets") is not None if in_notebook else sys.stderr is not None and sys.stderr.isatty()
     if not wanted:
         return None
     try:
-        from tqdm.auto import tqdm
+        tqdm: Any = import_module("tqdm.notebook" if in_notebook else "tqdm").tqdm
     except ImportError:
         return None
     usual = {"total": 1.0, "bar_format": "{desc} {percentage:3.0f} % {bar} {postfix}", "delay": DELAY, "leave": False}

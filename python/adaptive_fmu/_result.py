@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ._errors import Error, LimitExceeded
+from ._figures import shown, svg
 from ._program import Answer
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ class Result:
         return float(self._table[0, -1]) if self._table.shape[1] else float("nan")
 
     def plot(self) -> Figure:
-        """Return the plots of the loop, one below the other, as a matplotlib figure.
+        """Return the plots of the loop, one below the other, as a figure of matplotlib's pyplot.
 
         The axis labels contain the units of measurement; the legends are to the right of the axes.
 
@@ -132,13 +133,11 @@ class Result:
         >>> figure.axes[0].get_ylabel() != "", figure.axes[-1].get_xlabel()
         (True, 'time (s)')
         """
-        try:
-            # Not pyplot: no global state refers to the figure, so it is freed with its last reference. A notebook displays it.
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise Error("Result.plot() needs matplotlib. Install it: pip install matplotlib") from error
+        return shown(self._draw, "Result.plot()")
+
+    def _draw(self, figure: Figure) -> None:
         plots = self.plots
-        figure = Figure(figsize=(9, 2.6 * max(1, len(plots)) + 0.6), layout="constrained")
+        figure.set_size_inches(9, 2.6 * max(1, len(plots)) + 0.6)
         grid = figure.add_gridspec(max(1, len(plots)), 1)
         for row, plot in enumerate(plots):
             parts = plot["parts"]
@@ -147,7 +146,7 @@ class Result:
             cells = grid[row].subgridspec(1, len(parts), width_ratios=widths)
             axes = [figure.add_subplot(cells[place]) for place in range(len(parts))]
             for axis, part in zip(axes, parts):
-                self._draw(axis, plot, part)
+                self._draw_curves(axis, plot, part)
             axes[0].set_title(plot["title"], fontsize="medium", loc="left")
             axes[0].set_ylabel(plot["y"])
             if 0 < len(plot["curves"]) <= MOST_NAMES:
@@ -156,9 +155,8 @@ class Result:
                 for axis in axes:
                     axis.set_xlabel(plot["x"])
         figure.suptitle(f"{self.name}: {self.description}" if self.description else self.name, fontsize="medium", wrap=True)
-        return figure
 
-    def _draw(self, axis: Any, plot: dict[str, Any], part: list[float]) -> None:
+    def _draw_curves(self, axis: Any, plot: dict[str, Any], part: list[float]) -> None:
         """Draw the curves of a plot in one time range, in the style that the program selected."""
         times = self._table[0]
         first, last = np.searchsorted(times, part[0]), np.searchsorted(times, part[1], side="right")
@@ -208,18 +206,7 @@ class Result:
             parts.append(self.metrics.to_html(na_rep="", float_format=lambda value: f"{value:.4g}"))
         if self.warnings:
             parts.append("<ul>" + "".join(f"<li>{html.escape(text)}</li>" for text in self.warnings) + "</ul>")
-        parts.append(self._picture())
-        return "\n".join(parts)
-
-    def _picture(self) -> str:
-        try:
-            from io import StringIO
-
-            text = StringIO()
-            self.plot().savefig(text, format="svg")
-        except (Error, ImportError):
-            return ""
-        return text.getvalue()[text.getvalue().find("<svg") :]
+        return "\n".join([*parts, svg(self._draw)])
 
 
 def seen(values: Any) -> Any:

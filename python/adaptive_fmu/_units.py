@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from ._errors import ArgumentError, ExperimentWarning
 from ._linear import Linearisation
 from ._plant import is_of_records, plant_file
 from ._pool import ask, done
-from ._program import in_keywords
+from ._program import in_keywords, retold
 from ._progress import shown
+from ._records import Given
 from ._result import Result, result_of
-from ._values import PathLike, Value, joined, number, numbers, trim, words
+from ._values import PathLike, Value, alias, joined, number, numbers, trim, words
 
 
 def fmus() -> pd.DataFrame:
@@ -201,25 +203,33 @@ def new(
 def simulate(
     fmu: PathLike,
     *,
-    input: pd.DataFrame | None = None,
+    input: Any = None,
     until: float | None = None,
     step: float | None = None,
     interface: str | None = None,
     values: Mapping[str, Value] | None = None,
-    record: Sequence[str] = (),
+    record: Sequence[str] | None = None,
+    relative_tolerance: float | None = None,
+    start_values: Mapping[str, Value] | None = None,
+    stop_time: float | None = None,
+    output_interval: float | None = None,
+    output: Sequence[str] | None = None,
     out: PathLike | None = None,
     progress: bool | None = None,
 ) -> Result:
     """Simulate a standalone FMU and return its `Result`.
 
     fmu: FMU archive (NAME.fmu) of any tool, FMU of this package, description file (NAME.toml), or loop as a single FMU.
-    input: inputs over time: the index is the time in s, each column is an input. Continuous inputs are interpolated linearly; all
-        other inputs use a zero-order hold. Default: None, the inputs are constant.
-    until: stop time, s. Default: the FMU's own, or 1.
-    step: communication step, s. Default: the FMU's own, or 0.001.
+    input: inputs over time: a DataFrame whose index is the time (s, Timedelta or Timestamp) or that has a column "time", a dict of
+        columns or a structured array (as FMPy has it) with "time", the path of a CSV file, or a function of the time that returns a
+        dict of inputs, which is called at each communication point. Continuous inputs are interpolated linearly; all other inputs
+        use a zero-order hold. Default: None, the inputs are constant.
+    until: stop time, s. Default: the FMU's own, or 1. `stop_time` is the same.
+    step: communication step, s. Default: the FMU's own, or 0.001. `output_interval` is the same.
     interface: "cs" (co-simulation) or "me" (model exchange). Default: co-simulation if the FMU supports it, else model exchange.
-    values: start values of parameters, or constant values of inputs, by name.
-    record: variables to record in addition to the outputs.
+    values: start values of parameters, or constant values of inputs, by name. `start_values` is the same.
+    record: variables to record in addition to the outputs. `output` is the same.
+    relative_tolerance: relative tolerance of the integration in model exchange. Default: 1e-6.
     out: folder for a page with plots, CSV and metrics. Default: None, nothing is written.
     progress: True to show a progress bar, False to show none. Default: a bar in notebooks and terminals.
 
@@ -227,22 +237,40 @@ def simulate(
 
     >>> import adaptive_fmu, pandas as pd
     >>> ramp = pd.DataFrame({"u[1]": [0.0, 1.0]}, index=[0.0, 1.0])
-    >>> result = adaptive_fmu.simulate("StateSpace", input=ramp, until=1, step=0.01)
+    >>> result = adaptive_fmu.simulate("StateSpace", input=ramp, stop_time=1, output_interval=0.01)
     >>> len(result.data)
     101
+    >>> step = adaptive_fmu.simulate("StateSpace", input=lambda t: {"u[1]": t > 0.5}, until=1, step=0.01, record=["u[1]"])
+    >>> float(step.data["u[1]"].iloc[-1])
+    1.0
     """
+    values = alias("values", values, "start_values", start_values)
+    until, step = alias("until", until, "stop_time", stop_time), alias("step", step, "output_interval", output_interval)
+    record = alias("record", record, "output", output)
     request = ["simulate", "--json", *words("--set", values or {})]
-    for option, value in (("--until", until), ("--step", step)):
+    for option, value in (("--until", until), ("--step", step), ("--tolerance", relative_tolerance)):
         request += [f"{option}={number(value)}"] if value is not None else []
     request += [f"--interface={interface}"] if interface is not None else []
-    request += ["--record=" + ",".join(record)] if record else []
+    request += [f"--record={joined('record', record)}"] if record else []
     request += [f"--out={os.fspath(out)}"] if out is not None else []
     with tempfile.TemporaryDirectory() as folder, shown(Path(fmu).stem, progress) as show:
+        given = Given(folder)
         if input is not None:
-            file = Path(folder) / "input.csv"
-            input.rename_axis("time").to_csv(file)
-            request += [f"--input={os.fspath(file)}"]
-        return result_of(ask([*request, "--", os.fspath(fmu)], show))
+            table = sampled(input, until, step) if callable(input) else input
+            request += [f"--input={given.record(table, 'input', None, [''])}"]
+        with retold(given.retold):
+            return result_of(ask([*request, "--", os.fspath(fmu)], show))
+
+
+def sampled(function: Callable[[float], Mapping[str, float]], until: float | None, step: float | None) -> pd.DataFrame:
+    """Return the values of a function of the time at the communication points."""
+    if until is None or step is None:
+        raise ArgumentError("input is a function: give `until` and `step` too, whose communication points it is called at")
+    times = [k * step for k in range(math.floor(until / step * (1 + 1e-12)) + 1)]
+    rows = [function(time) for time in times]
+    if not all(isinstance(row, Mapping) and row for row in rows):
+        raise ArgumentError(f"input(0.0) = {rows[0]!r}: a function of the time must return a dict of inputs by name")
+    return pd.DataFrame(rows, index=pd.Index(times, name="time"), dtype=float)
 
 
 def linearise(

@@ -19,6 +19,10 @@ PathLike = Union[str, "os.PathLike[str]"]
 Value = Union[bool, float, str, ArrayLike]
 
 
+#: Significant digits of numbers in tables.
+DIGITS = 6
+
+
 def words(option: str, values: Mapping[str, Value]) -> list[str]:
     """Return the values as options, e.g. `--set=name=value`, one per value."""
     return [f"{option}={place}={text}" for name, value in values.items() for place, text in elements(name, value)]
@@ -63,6 +67,13 @@ def joined(argument: str, names: str | Sequence[str]) -> str:
         raise ArgumentError(f"{argument} = {names!r} is not allowed. It must be a name, or a list of names") from None
 
 
+def alias(name: str, value: Any, other: str, fmpy: Any) -> Any:
+    """Return the argument that is given by its own name or by FMPy's."""
+    if value is not None and fmpy is not None:
+        raise ArgumentError(f"{name} and {other} are the same argument: give one of them")
+    return value if fmpy is None else fmpy
+
+
 def trim(free: Sequence[str], want: Mapping[str, Value] | None, hold: Sequence[str]) -> list[str]:
     """Return an operating point to search for as options."""
     request = words("--want", want or {})
@@ -84,3 +95,8 @@ def of_units(values: Mapping[str, Value] | None, units: Mapping[str, Mapping[str
             )
         together.update({f"{unit}.{name}": value for name, value in of_unit.items()})
     return together
+
+
+def shown(value: float) -> str:
+    """Text of a number in tables."""
+    return f"{value:.{DIGITS}g}"

@@ -151,7 +151,13 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
             let text = one_line(&error.to_string());
             let shown = text.char_indices().nth(LONGEST_MESSAGE).map_or(&*text, |(end, _)| &text[..end]);
             tell!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
-            ExitCode::FAILURE
+            // Callers from other languages have exceptions for wrong arguments.
+            let is_argument = matches!(error, Error::Argument(_) | Error::Unknown { .. });
+            if is_argument && console::serves() {
+                ExitCode::from(command::serve::NOT_UNDERSTOOD)
+            } else {
+                ExitCode::FAILURE
+            }
         }
     };
     cache::trouble().iter().for_each(|line| tell!("warning: {line}"));

@@ -125,8 +125,8 @@ impl Record {
     }
 }
 
-/// Numerator and denominator of a unit of time in s: 1/1000 isn't exact.
-fn seconds(unit: &str) -> Option<[f64; 2]> {
+/// Numerator and denominator of a unit of time in s, `None` of another unit: 1/1000 isn't exact.
+pub fn seconds(unit: &str) -> Option<[f64; 2]> {
     match unit {
         "s" => Some([1.0, 1.0]),
         "ms" => Some([1.0, 1e3]),

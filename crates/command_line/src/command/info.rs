@@ -1,4 +1,6 @@
-//! `info`: what an FMU is.
+//! `info`: what an FMU or a loop is.
+
+mod of_loop;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,7 +13,8 @@ use serde_json::{Value, json};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// FMU archive
+    /// FMU archive, or loop: name, folder, .ssd file or .ssp archive
+    #[arg(value_name = "NAME")]
     fmu: PathBuf,
     /// Print JSON instead of text
     #[arg(long)]
@@ -21,6 +24,9 @@ pub struct Arguments {
 /// Prints what an FMU says of itself.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let fmu = &arguments.fmu;
+    if fmu.extension().is_none_or(|extension| extension != "fmu") {
+        return of_loop::execute(&fmu.to_string_lossy(), arguments.json);
+    }
     let xml = exporter::read_entry(fmu, "modelDescription.xml")?;
     let refuse = |reason| Error::Archive { file: fmu.to_owned(), reason };
     let description = ModelDescription::read(&xml).map_err(refuse)?;

@@ -23,7 +23,7 @@ use crate::console;
 /// While nobody asks, it looks so often whether it is to end.
 const LOOK: Duration = Duration::from_millis(500);
 /// The exit code of wrong arguments.
-const NOT_UNDERSTOOD: u8 = 2;
+pub const NOT_UNDERSTOOD: u8 = 2;
 
 /// A request, or why a line is none.
 type Asked = Result<Request, String>;

@@ -44,7 +44,8 @@ pub fn files(task: &Task, candidates: &[Candidate], best: &Design, name: &str) -
     let written = Written::new(&scratch.path().join(LOOP), surroundings.clone())?;
     let written = written.beside(best.texts.iter().map(|(name, _)| name.as_str()));
     let stop_time = Some(round_up((BEFORE + AFTER) * time));
-    let (_, structure) = written.structure(Wishes { name: name.to_owned(), step: Some(best.step), stop_time })?;
+    let (_, structure) =
+        written.structure(Wishes { name: name.to_owned(), step: Some(best.step), stop_time, ..Wishes::default() })?;
     let own = texts.into_iter().map(|(name, text)| (format!("{name}.toml"), text));
     let of_loop = surroundings.into_iter().map(|(name, text)| (format!("{LOOP}/{name}.toml"), text));
     Ok(own.chain(of_loop).chain([(format!("{LOOP}/{STRUCTURE}"), structure)]).collect())

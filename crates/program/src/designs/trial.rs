@@ -36,7 +36,7 @@ fn is_of(output: &str, name: &str) -> bool {
 }
 
 fn wishes(step: f64) -> Wishes {
-    Wishes { name: "design".to_owned(), step: Some(step), stop_time: None }
+    Wishes { name: "design".to_owned(), step: Some(step), ..Wishes::default() }
 }
 
 /// A loop of a controller, and perhaps an observer, with a linear plant and a reference.

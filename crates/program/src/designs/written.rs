@@ -43,7 +43,7 @@ impl Written {
     pub fn structure(&self, wishes: Wishes) -> Result<(Structure, String), Error> {
         let mut found = Found::new(&self.folder);
         let unit = |file: &String| found.unit(&self.folder.join(file).to_string_lossy());
-        let draft = Draft::new(self.files.iter().map(unit).collect::<Result<_, _>>()?, wishes);
+        let draft = Draft::new(self.files.iter().map(unit).collect::<Result<_, _>>()?, wishes)?;
         if let Some(open) = draft.open().first() {
             return Err(Error::Loop { file: self.folder.join(STRUCTURE), reason: open.clone() });
         }

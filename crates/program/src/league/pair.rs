@@ -293,8 +293,9 @@ fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error
         name: format!("{}_{}", plant.name, entry.name),
         step: Some(plant.step),
         stop_time: Some(plant.duration),
+        ..Wishes::default()
     };
-    let draft = Draft::new(units, wishes);
+    let draft = Draft::new(units, wishes)?;
     let text = draft.text();
     let mut structure = Structure::parse(&text, &LoopFiles::within(folder))?;
     structure.file = format!("{}/{}", plant.name, entry.name).into();

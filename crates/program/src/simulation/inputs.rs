@@ -4,6 +4,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 use adaptive_fmu_identification::csv::{Column as TableColumn, Table};
+use adaptive_fmu_identification::seconds;
 
 use crate::error::Error;
 use crate::fmu::{Instance, SHOWS_VARIABLES};
@@ -84,9 +85,11 @@ impl Inputs {
         let table = Table::read(BufReader::new(opened), &[]).map_err(|fault| refuse(fault.to_string()))?;
         let Table { mut columns, lines } = table;
         let time = columns.remove(0);
-        if !TIMES.contains(&time.name.as_str()) || time.unit.as_ref().is_some_and(|unit| unit != "s") {
-            return Err(refuse("line 1: the first column must be `time`, in s".to_owned()));
-        }
+        let unit = time.unit.as_deref().unwrap_or("s");
+        let Some([factor, over]) = seconds(unit).filter(|_| TIMES.contains(&time.name.as_str())) else {
+            let given = format!("`{}` in {unit}", time.name);
+            return Err(refuse(format!("line 1: the first column is {given}: must be `time` in s, ms, us, min or h")));
+        };
         let refuse_at = |row: usize, reason: String| refuse(format!("line {}: {reason}", lines[row]));
         if let Some(row) = time.values.iter().position(|time| time.is_nan()) {
             return Err(refuse_at(row, format!("{} must be a finite number", time.name)));
@@ -95,7 +98,8 @@ impl Inputs {
             let reason = format!("time = {}: must not be before the time of the line above", time.values[row]);
             return Err(refuse_at(row, reason));
         }
-        let mut read = Read { inputs: Inputs { times: time.values, columns: Vec::new() }, others: Vec::new() };
+        let times = time.values.iter().map(|time| time * factor / over).collect();
+        let mut read = Read { inputs: Inputs { times, columns: Vec::new() }, others: Vec::new() };
         for column in columns {
             let Some(variable) = of_unit(description).find(|variable| variable.name == column.name) else {
                 read.others.push(column);

@@ -186,7 +186,7 @@ fn findings(found: &Found, outputs: &[String]) -> Vec<String> {
         } else if *is_at_end {
             findings.push(format!("{name} = {} is at the end of its range: give a wider one", number(*value)));
         } else if record.is_none() && *error > (MOST_ERROR * value.abs()).max(LEAST_ERROR * scale) {
-            // Where a record begins may be near 0, and is nothing that the model is made of.
+            // Where a record begins may be near 0, and the model does not depend on it.
             let part = 100.0 * error / value.abs();
             findings.push(format!(
                 "{name}: {} % (1 σ): these records don't show it. Take it out of --free, or record more motion",
@@ -217,7 +217,7 @@ struct Linear {
     linear: Linearisation,
     /// Entries of A, by rows, then of B.
     slopes: DMatrix<f64>,
-    /// What the parameters seem to leave uncertain of an entry that doesn't depend on them.
+    /// Uncertainty that the parameters seem to leave of an entry that doesn't depend on them.
     blur: f64,
     shared: Vec<usize>,
 }

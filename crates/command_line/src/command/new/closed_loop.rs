@@ -6,7 +6,10 @@ use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::output::{Files, make_folder};
 use adaptive_fmu::structure::{Draft, Found, STRUCTURE, Wishes};
 
+use serde_json::{Value, json};
+
 use super::there_already;
+use crate::command::linearise::assignment;
 use crate::command::number::positive;
 
 /// The most units whose names are told.
@@ -35,6 +38,15 @@ pub struct Arguments {
     /// Stop time, s [default: the latest that an FMU proposes, or 10]
     #[arg(long, value_parser = positive)]
     until: Option<f64>,
+    /// Connect an input of a component to an output, where their names differ (repeatable)
+    ///
+    /// For example --connect plant.u=controller.voltage, with the names of components in the loop. Arrays of equal length are
+    /// connected element by element. Such a connection replaces the one that names lead to.
+    #[arg(long, value_name = "INPUT=OUTPUT", value_parser = assignment)]
+    connect: Vec<(String, String)>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
 }
 
 /// Writes the structure, and tells what was connected and what is left open.
@@ -58,7 +70,8 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
         Some(name) => name.clone(),
         None => name_of(folder),
     };
-    let draft = Draft::new(units, Wishes { name, step: arguments.step, stop_time: arguments.until });
+    let connections = arguments.connect.clone();
+    let draft = Draft::new(units, Wishes { name, step: arguments.step, stop_time: arguments.until, connections })?;
     let text = draft.text();
     let checked = draft.check(&text, folder)?;
     let mut files = Files::at(folder);
@@ -68,7 +81,27 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
         files.add_new(STRUCTURE, &text).map_err(there_already)?
     }
     files.place().map_err(there_already)?;
-    say!("{}", folder.join(STRUCTURE).display());
+    let warnings = checked.notes.iter().map(|note| format!("warning: {note}"));
+    let refusal = checked.refusal.iter().map(|refusal| format!("warning: `run` will refuse this structure: {refusal}"));
+    let warnings: Vec<_> = warnings.chain(refusal).collect();
+    let file = folder.join(STRUCTURE);
+    if arguments.json {
+        say!("{}", in_json(&draft, &file, &warnings))
+    } else {
+        tell(&draft, &file, &warnings)
+    }
+    Ok(())
+}
+
+fn in_json(draft: &Draft, file: &Path, warnings: &[String]) -> Value {
+    let open: Vec<_> = draft.undecided().map(|(input, reason)| json!({ "input": input, "reason": reason })).collect();
+    let adapted: Vec<_> = draft.adapted().collect();
+    json!({ "structure": file, "connected": draft.connected(), "open": open, "unneeded": draft.unneeded(),
+            "adapted": adapted, "warnings": warnings })
+}
+
+fn tell(draft: &Draft, file: &Path, warnings: &[String]) {
+    say!("{}", file.display());
     let (connected, open, unneeded) = (draft.connected(), draft.open(), draft.unneeded());
     say!("connected inputs: {connected}; open inputs, each with a comment in the file: {}", open.len());
     if !unneeded.is_empty() {
@@ -76,11 +109,7 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
     }
     draft.adapted().for_each(|line| remark!("{line}"));
     first(&open).iter().for_each(|line| remark!("to decide: {line}"));
-    checked.notes.iter().for_each(|note| tell!("warning: {note}"));
-    if let Some(refusal) = checked.refusal {
-        tell!("warning: `run` will refuse this structure: {refusal}");
-    }
-    Ok(())
+    warnings.iter().for_each(|warning| tell!("{warning}"));
 }
 
 /// Refuses a name in the loop that is given to two units.

@@ -1,6 +1,7 @@
 //! The structure of a loop for given units: connected by the names of their signals, with a comment wherever a person
 //! must decide.
 
+mod given;
 mod order;
 mod smooth_start;
 mod text;
@@ -45,6 +46,8 @@ pub struct Wishes {
     pub step: Option<f64>,
     /// Stop time, s; the latest that a unit proposes unless given.
     pub stop_time: Option<f64>,
+    /// Connections in addition to those by names, or in place of them: input and output, as `component.variable`.
+    pub connections: Vec<(String, String)>,
 }
 
 /// A loop that was wired.
@@ -72,16 +75,21 @@ pub struct Checked {
 }
 
 impl Draft {
-    /// Wires units.
-    pub fn new(units: Vec<DraftUnit>, wishes: Wishes) -> Self {
-        let wires = Wires::of(&units);
+    /// Wires units. Names in the loop are those that units have without the connections that are given.
+    ///
+    /// # Errors
+    /// Connections that can't be made.
+    pub fn new(units: Vec<DraftUnit>, wishes: Wishes) -> Result<Self, Error> {
+        let mut wires = Wires::of(&units);
+        let names = order::names(&units, &order::roles(&units, &wires));
+        given::connect(&mut wires, &units, &names, &wishes.connections)?;
         let roles = order::roles(&units, &wires);
         let places = order::order(&units, &roles, &wires);
         let wires = wires.moved(&places);
         let roles: Vec<_> = places.iter().map(|&place| roles[place]).collect();
         let mut units: Vec<_> = units.into_iter().map(Some).collect();
         let units: Vec<_> = places.iter().filter_map(|&place| units[place].take()).collect();
-        let names = order::names(&units, &roles);
+        let names = places.iter().map(|&place| names[place].clone()).collect();
         let proper = |number: &f64| number.is_finite() && *number > 0.0;
         let steps = units.iter().filter_map(|unit| unit.description.step).filter(proper);
         let stops = units.iter().filter_map(|unit| unit.description.stop_time).filter(proper);
@@ -90,7 +98,7 @@ impl Draft {
         let starts = Vec::new();
         let draft = Draft { units, roles, names, wires, name: wishes.name, step, stop_time, starts };
         let starts = smooth_start::of(&draft);
-        Draft { starts, ..draft }
+        Ok(Draft { starts, ..draft })
     }
 
     /// The text of its SystemStructure.ssd.

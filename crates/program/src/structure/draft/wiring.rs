@@ -55,6 +55,11 @@ impl Wires {
         Wires { inputs }
     }
 
+    /// Decides what becomes of an input.
+    pub fn set(&mut self, input: Signal, decided: Input) {
+        self.inputs.iter_mut().filter(|(signal, _)| *signal == input).for_each(|(_, own)| *own = decided.clone());
+    }
+
     /// The connections, from outputs to inputs.
     pub fn connections(&self) -> impl Iterator<Item = (Signal, Signal)> {
         connections(&self.inputs)
@@ -223,7 +228,7 @@ fn says_nothing(unit: &DraftUnit, name: &str) -> bool {
 }
 
 /// Why an output can't go to an input, if there is a reason.
-fn misfit(output: &Variable, input: &Variable) -> Option<String> {
+pub fn misfit(output: &Variable, input: &Variable) -> Option<String> {
     let fits = match (output.kind.as_str(), input.kind.as_str()) {
         ("Real" | "Integer", "Real") | ("Integer", "Integer") | ("Boolean", "Boolean") => true,
         ("Enumeration", "Enumeration") => output.items == input.items,

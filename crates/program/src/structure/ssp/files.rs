@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use super::source::{UnitFile, unit_file};
 use super::{STRUCTURE, Structure};
-use crate::error::Error;
+use crate::error::{Error, Invalid};
 use crate::exporter::{self, Embedded, Source};
 use crate::scratch::Scratch;
 use crate::sealed::checksum;
@@ -36,6 +36,23 @@ pub fn is_inside(path: &str) -> bool {
         && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
 }
 
+/// Why a name is that of no loop: it is that of an FMU, or of nothing.
+fn no_loop(name: &str, extension: Option<&str>) -> Error {
+    let kind = match extension {
+        Some("fmu") => "an FMU",
+        Some("toml") => "the description of an FMU",
+        _ if exporter::find_description(name).is_ok() => "an FMU of this package",
+        _ => {
+            let known = exporter::loops().iter().map(|(name, _)| *name);
+            return Error::unknown("loop", name, known, "`adaptive-fmu list`");
+        }
+    };
+    Error::Argument(Invalid::because(format!(
+        "{name} is {kind}, not a loop: `adaptive-fmu simulate {name}` simulates it, `adaptive-fmu new loop --units {name} …` connects it \
+         with others"
+    )))
+}
+
 impl LoopFiles {
     /// Finds a loop of this package by its name, or by a path: a folder with a SystemStructure.ssd, an .ssd file, or an
     /// .ssp archive.
@@ -60,8 +77,7 @@ impl LoopFiles {
             exporter::unpack(&path, folder.path())?;
             (path, Place::Unpacked(folder), STRUCTURE.to_owned())
         } else {
-            let known = exporter::loops().iter().map(|(name, _)| *name);
-            return Err(Error::unknown("loop", name, known, "`adaptive-fmu list`"));
+            return Err(no_loop(name, extension));
         };
         Ok(LoopFiles { shown, place, structure })
     }

@@ -22,7 +22,7 @@ pub use source::UnitFile;
 pub use tuning::{SquareTerm, TunedParameter, Tuning};
 
 use super::settings::{Order, Settings};
-use crate::error::Error;
+use crate::error::{Error, Invalid};
 use crate::exporter::{Source, find_description};
 use crate::fmu::Fmu;
 use crate::model_description::{Affine, UnitDefinition};
@@ -281,6 +281,11 @@ impl Origin {
     /// A refusal of what was given there.
     pub fn refuse(&self, reason: &str) -> Error {
         let reason = self.line.map_or_else(|| reason.to_owned(), |line| format!("line {line}: {reason}"));
-        Error::Loop { file: self.file.clone(), reason }
+        let file = self.file.clone();
+        let is_argument = file.to_string_lossy().starts_with("--");
+        match is_argument {
+            true => Error::Argument(Invalid::because(format!("{}: {reason}", file.display()))),
+            false => Error::Loop { file, reason },
+        }
     }
 }
