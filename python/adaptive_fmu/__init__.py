@@ -23,6 +23,7 @@ from ._loop import Loop, Sweep, Tuned
 from ._parameters import Estimated, estimate
 from ._program import program
 from ._result import Result
+from ._studies import Explored, compare, explore, league, report, validate
 from ._units import export, fmus, kinds, linearise, loops, new, simulate
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "Error",
     "Estimated",
     "ExperimentWarning",
+    "Explored",
     "Identified",
     "Interrupted",
     "LimitExceeded",
@@ -41,17 +43,22 @@ __all__ = [
     "Sweep",
     "Tuned",
     "check",
+    "compare",
     "design",
     "estimate",
+    "explore",
     "export",
     "fmus",
     "identify",
     "kinds",
+    "league",
     "linearise",
     "loops",
     "new",
     "program",
+    "report",
     "simulate",
+    "validate",
 ]
 
 try:

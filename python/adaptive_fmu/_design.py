@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import html
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ._errors import Error
+from ._identify import Identified, identify
 from ._loop import Loop
 from ._plant import plant_file
 from ._pool import done
-from ._values import PathLike, Value, number, numbers, trim
+from ._units import export
+from ._values import PathLike, Value, number, numbers, shown, trim
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Designed:
@@ -25,14 +32,18 @@ class Designed:
     (True, ['ladrc', 'pid'])
     """
 
-    def __init__(self, told: dict[str, Any], folder: Path) -> None:
-        rows = [row(candidate) for candidate in told["candidates"]]
+    def __init__(self, answer: dict[str, Any], folder: Path, identified: Identified | None = None) -> None:
+        #: Candidates as the command `design` prints them as JSON, the recommended one first; `summary` describes one in words.
+        self.candidates: list[dict[str, Any]] = answer["candidates"]
+        #: Model that was identified, if the plant was given as records; else None.
+        self.identified: Identified | None = identified
+        rows = [row(candidate) for candidate in answer["candidates"]]
         #: One row a kind of controller, the recommended one first: sound, settling_time (s), worst_settling_time, overshoot (a part
         #: of the step), worst_overshoot, peak (largest size of a control with the worst plant), noise (largest standard deviation of
         #: a control at rest, if `noise` is given), operations, file, and refused (why there is no controller).
         self.table: pd.DataFrame = pd.DataFrame(rows).set_index("kind")
         #: True if the recommended controller is sound.
-        self.sound: bool = bool(told["candidates"][0].get("sound"))
+        self.sound: bool = bool(answer["candidates"][0].get("sound"))
         #: Folder with the descriptions, the loop and the page.
         self.folder: Path = folder
         #: Page with a table and step responses.
@@ -49,6 +60,43 @@ class Designed:
         True
         """
         return Loop(self.folder / "loop")
+
+    def export(self, *, out: PathLike = "fmus", **options: Any) -> list[Path]:
+        """Export the recommended controller as an FMU and return the paths of the files; see `adaptive_fmu.export`.
+
+        out: folder for the FMU. Default: "fmus".
+        **options: further arguments of `adaptive_fmu.export`, such as `source=True`.
+
+        >>> import adaptive_fmu
+        >>> plant = [[-1.0]], [[2.0]], [[1.0]], [[0.0]]
+        >>> designed = adaptive_fmu.design(plant, settling_time=1.0, kinds=["pid"], out=folder / "exported")
+        >>> [file.name for file in designed.export(out=folder)]
+        ['Pid.fmu']
+        """
+        file = self.table["file"].iloc[0]
+        if file is None:
+            raise Error("There is no controller to export: `table` has the reasons in the column `refused`")
+        return export(file, out=out, **options)
+
+    def plot(self) -> Figure:
+        """Return the plots of a run of `loop` as a figure of matplotlib's pyplot.
+
+        >>> import adaptive_fmu
+        >>> plant = [[-1.0]], [[2.0]], [[1.0]], [[0.0]]
+        >>> designed = adaptive_fmu.design(plant, settling_time=1.0, kinds=["pid"], out=folder / "plotted")
+        >>> len(designed.plot().axes) > 0
+        True
+        """
+        return self.loop.run().plot()
+
+    def _repr_html_(self) -> str:
+        """Return the HTML for a notebook: the table, and what is to be known of the recommended controller."""
+        first = self.candidates[0]
+        notes = [text for text in (first.get("summary"), first.get("reason"), *(first.get("notes") or [])) if text]
+        lines = "".join(f"<li>{html.escape(text)}</li>" for text in notes)
+        head = f"<p><b>{html.escape(first['kind'])}</b>: {'sound' if self.sound else 'not sound'}</p>"
+        table = self.table.drop(columns="file").dropna(axis=1, how="all").to_html(float_format=shown, na_rep="")
+        return f"{head}<ul>{lines}</ul>{table}"
 
     def __repr__(self) -> str:
         first = self.table.index[0]
@@ -81,6 +129,7 @@ def design(
     bandwidth: float | None = None,
     output: Sequence[str] = (),
     inputs: Sequence[str] = (),
+    states: Sequence[str] | None = None,
     measured: Sequence[str] | None = None,
     uncertainty: float | None = None,
     margin: float | None = None,
@@ -99,11 +148,12 @@ def design(
     Each is simulated with the nominal plant and with the plants within the uncertainty that are worst for it. The first is sound,
     settles in time with the worst plant, and has the smallest peak of the control.
 
-    plant: as for `new`.
+    plant: as for `new`; or a record, or several, as `identify` takes them, with `inputs` and `states`: the model is identified first.
     settling_time: time in which the nominal loop is to settle to 2 % of a step of the reference, s.
     bandwidth: bandwidth of the loop, in place of one that follows from `settling_time`, rad/s. One of both must be given.
     output: names of the outputs to control, as many as inputs. Default: all.
     inputs: names of the inputs to use. Default: all.
+    states: names of the columns of a record that are the states. Default: None, the plant is no record.
     measured: names of the states that are measured, in addition to the outputs. Default: None, all are measured.
     uncertainty: uncertainty of each number of A and B as a part of it. Default: 0.2 for 20 %; an identified plant has its own.
     margin: factor of the region of an identified plant, for wear and other loads. Default: 3.
@@ -122,6 +172,9 @@ def design(
     >>> adaptive_fmu.design(plant, settling_time=5, kinds=["pid"], out=folder / "third")
     <pid: sound, 1 kinds tried>
     """
+    identified = None
+    if states is not None:
+        identified = plant = identify(plant, inputs, states)
     folder = Path(out)
     request = [
         "design",
@@ -139,4 +192,4 @@ def design(
     request += [f"--noise={f'{name}=' if name else ''}{number(value)}" for name, value in every.items() if value is not None]
     request += ["--force"] if force else []
     with plant_file(plant) as given:
-        return Designed(done([*request, "--", given]).json(), folder)
+        return Designed(done([*request, "--", given]).json(), folder, identified)

@@ -12,7 +12,9 @@ import pandas as pd
 
 from ._errors import Error, LimitExceeded
 from ._figures import shown, svg
+from ._files import write_mat
 from ._program import Answer
+from ._values import PathLike
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,6 +119,34 @@ class Result:
             told = [f"{label} = {row['value']:.4g} is beyond its limit {row['limit']:g}" for label, row in beyond.iterrows()]
             raise LimitExceeded(f"{self.name}: " + ", ".join(told))
         return self
+
+    def to_mat(self, path: PathLike) -> Path:
+        """Write the signals as a MATLAB file (version 5) and return its path; it needs scipy.
+
+        It has `time`, a struct for each component, such as `plant.x` with one row per point and one column per element, and the
+        units of measurement in the same form in `units`. Characters that MATLAB does not allow in names become "_".
+
+        >>> import adaptive_fmu, scipy.io
+        >>> file = adaptive_fmu.Loop("3.2.1-cosine").run(until=1).to_mat(folder / "result.mat")
+        >>> scipy.io.loadmat(file)["plant"]["x"][0, 0].shape
+        (1001, 2)
+        """
+        write_mat(path, self.data, self.units)
+        return Path(path)
+
+    def to_parquet(self, path: PathLike) -> Path:
+        """Write the signals as an Apache Parquet file, with the time as its first column, and return its path; it needs pyarrow.
+
+        >>> import adaptive_fmu, pandas
+        >>> file = adaptive_fmu.Loop("3.2.1-cosine").run(until=1).to_parquet(folder / "result.parquet")
+        >>> pandas.read_parquet(file).columns[0]
+        'time'
+        """
+        try:
+            self.data.rename_axis("time").reset_index().to_parquet(path, index=False)
+        except ImportError as error:
+            raise Error("Result.to_parquet() needs pyarrow. Install it: pip install pyarrow") from error
+        return Path(path)
 
     @property
     def end(self) -> float:

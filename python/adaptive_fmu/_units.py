@@ -23,6 +23,22 @@ from ._result import Result, result_of
 from ._values import PathLike, Value, alias, joined, number, numbers, trim, words
 
 
+class Listing(pd.DataFrame):
+    """Table whose texts are shown whole."""
+
+    @property
+    def _constructor(self) -> Callable[..., pd.DataFrame]:
+        return pd.DataFrame
+
+    def __repr__(self) -> str:
+        with pd.option_context("display.max_colwidth", None, "display.max_rows", None, "display.width", 200):
+            return str(super().__repr__())
+
+    def _repr_html_(self) -> str | None:
+        with pd.option_context("display.max_colwidth", None, "display.max_rows", None):
+            return pd.DataFrame(self).to_html()
+
+
 def fmus() -> pd.DataFrame:
     """Return the FMUs of this package by their names, with their descriptions.
 
@@ -55,7 +71,7 @@ def kinds() -> pd.DataFrame:
 
 def _listed(what: str, *further: str) -> pd.DataFrame:
     rows = done(["list", "--json"]).json()[what]
-    return pd.DataFrame(rows, columns=["name", "description", *further]).set_index("name")
+    return Listing(pd.DataFrame(rows, columns=["name", "description", *further]).set_index("name"))
 
 
 def export(
@@ -124,6 +140,8 @@ def new(
     free: Sequence[str] = (),
     want: Mapping[str, Value] | None = None,
     hold: Sequence[str] = (),
+    at: float | None = None,
+    values: Mapping[str, Value] | None = None,
     signal: str | None = None,
     amplitude: float | Sequence[float] | None = None,
     operating_point: float | Sequence[float] | None = None,
@@ -153,13 +171,13 @@ def new(
         descriptions keep it for `check`. Default: None, not given: an `Identified` has its own.
     margin: factor of the region of an identified plant, for wear and other loads. Default: 3.
     level: confidence level of that region. Default: that of the model.
-    free, want, hold: operating point at which an FMU is linearised, as for `linearise`.
+    free, want, hold, at, values: operating point at which an FMU is linearised, as for `linearise`.
     signal: signal of an experiment (kind "excitation"), "levels", "multisine" or "chirp". Default: "levels".
     amplitude: its largest deviation from the operating point, of all inputs or of each. Default: 1.
     operating_point: operating point of all inputs or of each. Default: 0.
     settling_time: rough settling time of the plant, s. Default: 4/bandwidth, or that of the slowest pole of `plant`.
     step: step of the signal, s. Default: 1/200 of the settling time, or a fifth of the time of the fastest pole of `plant`, rounded
-        down.
+        down. For other kinds: communication step to linearise an FMU of `plant`. Default: the one it proposes, or 0.001.
     up_to: highest frequency of a multisine or chirp, rad/s. Default: three times the fastest pole of `plant`.
     seed: seed of the levels. Default: 1.
     force: True to overwrite an existing file. Default: False.
@@ -180,11 +198,11 @@ def new(
         request += [f"--{option}={joined(option, size) if isinstance(size, Sequence) else size}"] if size is not None else []
     known = (("--bandwidth", bandwidth), ("--uncertainty", uncertainty), ("--margin", margin), ("--level", level))
     request += [f"{option}={number(value)}" for option, value in known if value is not None]
-    request += trim(free, want, hold)
+    request += [*trim(free, want, hold), *words("--set", values or {})]
     request += [f"--signal={signal}"] if signal is not None else []
     for option, each in (("--reference", reference), ("--amplitude", amplitude), ("--operating-point", operating_point)):
         request += [f"{option}={numbers(each)}"] if each is not None else []
-    for option, value in (("--settling-time", settling_time), ("--step", step), ("--up-to", up_to)):
+    for option, value in (("--at", at), ("--settling-time", settling_time), ("--step", step), ("--up-to", up_to)):
         request += [f"{option}={number(value)}"] if value is not None else []
     request += [f"--seed={seed}"] if seed is not None else []
     request += ["--force"] if force else []
