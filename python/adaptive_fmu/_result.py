@@ -177,6 +177,14 @@ class Result:
             axes = [figure.add_subplot(cells[place]) for place in range(len(parts))]
             for axis, part in zip(axes, parts):
                 self._draw_curves(axis, plot, part)
+            marks = [
+                (axis, mark["time"])
+                for mark in plot.get("marks", [])
+                for axis, part in zip(axes, parts)
+                if part[0] <= mark["time"] <= part[1]
+            ]
+            for axis, time in marks:
+                axis.axvline(time, color="#b00020", linestyle=":", linewidth=1)
             axes[0].set_title(plot["title"], fontsize="medium", loc="left")
             axes[0].set_ylabel(plot["y"])
             if 0 < len(plot["curves"]) <= MOST_NAMES:

@@ -20,7 +20,7 @@ from ._program import in_keywords, retold
 from ._progress import shown
 from ._records import Given
 from ._result import Result, result_of
-from ._values import PathLike, Value, alias, joined, number, numbers, trim, words
+from ._values import Events, PathLike, Value, alias, event_words, joined, number, numbers, trim, words
 
 
 class Listing(pd.DataFrame):
@@ -227,6 +227,7 @@ def simulate(
     interface: str | None = None,
     values: Mapping[str, Value] | None = None,
     record: Sequence[str] | None = None,
+    events: Events = (),
     relative_tolerance: float | None = None,
     start_values: Mapping[str, Value] | None = None,
     stop_time: float | None = None,
@@ -247,6 +248,8 @@ def simulate(
     interface: "cs" (co-simulation) or "me" (model exchange). Default: co-simulation if the FMU supports it, else model exchange.
     values: start values of parameters, or constant values of inputs, by name. `start_values` is the same.
     record: variables to record in addition to the outputs. `output` is the same.
+    events: values that tunable parameters and inputs get during the run, (time in s, name, value), at the first communication
+        point that is not before that time.
     relative_tolerance: relative tolerance of the integration in model exchange. Default: 1e-6.
     out: folder for a page with plots, CSV and metrics. Default: None, nothing is written.
     progress: True to show a progress bar, False to show none. Default: a bar in notebooks and terminals.
@@ -265,7 +268,7 @@ def simulate(
     values = alias("values", values, "start_values", start_values)
     until, step = alias("until", until, "stop_time", stop_time), alias("step", step, "output_interval", output_interval)
     record = alias("record", record, "output", output)
-    request = ["simulate", "--json", *words("--set", values or {})]
+    request = ["simulate", "--json", *words("--set", values or {}), *event_words(events)]
     for option, value in (("--until", until), ("--step", step), ("--tolerance", relative_tolerance)):
         request += [f"{option}={number(value)}"] if value is not None else []
     request += [f"--interface={interface}"] if interface is not None else []

@@ -41,6 +41,19 @@ def elements(name: str, value: Value) -> Iterator[tuple[str, str]]:
         yield f"{name}[{inner}]" if indices else name, number(array[indices].item())
 
 
+#: Events of a run: time in s, name of a variable, and the value that it gets then.
+Events = Sequence["tuple[float, str, Value]"]
+
+
+def event_words(events: Events) -> list[str]:
+    """Return the events as options."""
+    try:
+        triples = [(time, name, value) for time, name, value in events]
+    except (TypeError, ValueError):
+        raise ArgumentError(f"events = {events!r} is not allowed. It must be a list of (time in s, name, value)") from None
+    return [f"--event={number(time)}: {place}={text}" for time, name, value in triples for place, text in elements(name, value)]
+
+
 def number(value: Any) -> str:
     """Return the text of a number, with all digits, so that the program reads exactly the same number."""
     if isinstance(value, (bool, np.bool_)):

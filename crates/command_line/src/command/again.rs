@@ -73,7 +73,18 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
 /// The options that give these settings.
 fn options(asked: &Asked) -> Result<LoopOptions, String> {
     let Asked {
-        stop_time, step, order, composite, accept_algebraic_loops, cases, set, fmus, in_process, patience, ..
+        stop_time,
+        step,
+        order,
+        composite,
+        accept_algebraic_loops,
+        cases,
+        set,
+        events,
+        fmus,
+        in_process,
+        patience,
+        ..
     } = asked.clone();
     Ok(LoopOptions {
         linear: false,
@@ -84,7 +95,7 @@ fn options(asked: &Asked) -> Result<LoopOptions, String> {
         order: order.as_deref().map(str::parse).transpose()?,
         accept_algebraic_loops,
         terminals: false,
-        parameters: Parameters::of(cases.into_iter().map(|Mark { name, .. }| name).collect(), set),
+        parameters: Parameters::of(cases.into_iter().map(|Mark { name, .. }| name).collect(), set, events),
         hosting: HostingOptions { in_process, patience },
     })
 }

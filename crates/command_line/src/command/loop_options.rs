@@ -9,7 +9,7 @@ use adaptive_fmu::reproduction::linear_limit;
 use adaptive_fmu::results::{Asked, Mark, Provenance, UnitMark, Versions};
 use adaptive_fmu::sealed::checksum;
 use adaptive_fmu::simulation::LoadedLoop;
-use adaptive_fmu::structure::{Component, LoopFiles, Order, Settings, Structure, Whole, check_values};
+use adaptive_fmu::structure::{Component, LoopFiles, Order, Settings, Structure, Whole, check_values, within_run};
 
 use super::export::{export_units, warn_of};
 use super::hosting::HostingOptions;
@@ -133,6 +133,7 @@ impl LoopOptions {
             order: self.order.unwrap_or(structure.order),
         };
         check_points(settings, &structure.file)?;
+        within_run(&structure.events, settings)?;
         Ok(settings)
     }
 
@@ -167,6 +168,7 @@ impl LoopOptions {
             accept_algebraic_loops: self.accept_algebraic_loops,
             cases: self.parameters.case.iter().map(case).collect::<Result<_, Error>>()?,
             set: self.parameters.set.clone(),
+            events: self.parameters.event.clone(),
             fmus: self.fmus.clone(),
             in_process: self.hosting.in_process,
             patience: self.hosting.patience,
@@ -217,6 +219,6 @@ impl Units {
                 LoadedLoop::whole(&structure.name, Arc::clone(fmu), values, notes.clone())?
             }
         };
-        Ok(loaded.recording(structure.signals()))
+        Ok(loaded.recording(structure.signals()).with_events(&structure.events)?)
     }
 }

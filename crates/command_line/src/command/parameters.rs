@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::structure::{LoopFiles, Structure};
+use adaptive_fmu::structure::{Event, LoopFiles, Structure};
 
 #[derive(clap::Args, Default, Clone)]
 pub struct Parameters {
@@ -19,22 +19,30 @@ pub struct Parameters {
     /// is a parameter of the single FMU, such as relative_tolerance.
     #[arg(long, value_name = "UNIT.variable=VALUE")]
     pub set: Vec<String>,
+    /// Value that a tunable parameter or an open input gets while the loop runs (repeatable)
+    ///
+    /// For example --event '5: plant.mass=2', with the time in s. It is set at the first communication point that is not before it.
+    #[arg(long, value_name = "TIME: UNIT.variable=VALUE")]
+    pub event: Vec<String>,
 }
 
 impl Parameters {
     /// A parameter set, and single values.
     pub fn new(case: Option<&str>, set: Vec<String>) -> Self {
-        Parameters { case: case.map(PathBuf::from).into_iter().collect(), set }
+        Parameters { case: case.map(PathBuf::from).into_iter().collect(), set, event: Vec::new() }
     }
 
-    /// Parameter sets, and single values.
-    pub fn of(case: Vec<PathBuf>, set: Vec<String>) -> Self {
-        Parameters { case, set }
+    /// Parameter sets, single values, and events.
+    pub fn of(case: Vec<PathBuf>, set: Vec<String>, event: Vec<String>) -> Self {
+        Parameters { case, set, event }
     }
 
     /// Hands them to a loop: cases first, then single values.
     pub fn apply(&self, structure: &mut Structure, files: &LoopFiles) -> Result<(), Error> {
         self.case.iter().try_for_each(|case| structure.apply_case(case, files))?;
-        self.set.iter().try_for_each(|assignment| structure.set(assignment))
+        self.set.iter().try_for_each(|assignment| structure.set(assignment))?;
+        let events = self.event.iter().map(|text| Event::read(text)).collect::<Result<Vec<_>, _>>()?;
+        structure.events.extend(events);
+        Ok(())
     }
 }

@@ -11,8 +11,8 @@ use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::output;
 use adaptive_fmu::report::number;
 use adaptive_fmu::results::{Ending, Report, Verdict};
-use adaptive_fmu::simulation::{Alone, Compared, Difference, Inputs, Read, Recording, Replay, Share};
-use adaptive_fmu::structure::{Order, Plot, Settings, Structure};
+use adaptive_fmu::simulation::{Alone, AloneEvent, Compared, Difference, Inputs, Read, Recording, Replay, Share};
+use adaptive_fmu::structure::{Event, Order, Plot, Settings, Structure, within_run};
 use adaptive_fmu::template::three_digits;
 use clap::ValueEnum;
 use serde_json::json;
@@ -63,6 +63,11 @@ pub struct Arguments {
     /// Start value of a parameter, or constant value of an input (repeatable)
     #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
     set: Vec<(String, String)>,
+    /// Value that a tunable parameter or an input gets during the run (repeatable)
+    ///
+    /// For example --event '5: mass=2', with the time in s. It is set at the first communication point that is not before it.
+    #[arg(long, value_name = "TIME: NAME=VALUE")]
+    event: Vec<String>,
     /// Variables to record in addition to the outputs
     #[arg(long, value_name = "NAME,…")]
     record: Option<Names>,
@@ -107,6 +112,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         order: Order::GaussSeidel,
     };
     check_points(settings, fmu.file())?;
+    let asked = arguments.event.iter().map(|text| Event::read(text)).collect::<Result<Vec<_>, _>>()?;
+    within_run(&asked, settings)?;
+    let events = AloneEvent::all(&asked, description, inputs.as_ref())?;
     let mut further = arguments.record.as_ref().map_or(Vec::new(), |Names(names)| names.clone());
     further.extend(replay.iter().flat_map(|replay| replay.further.clone()));
     let name = fmu.file().file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -121,6 +129,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         start: &arguments.set,
         inputs: inputs.as_ref(),
         further: &further,
+        events: &events,
     };
     let (mut recording, ending, failure) = Progress::new(&Bars::new(arguments.json), &description.name, settings)
         .watch(|go_on| alone.run(settings, go_on));

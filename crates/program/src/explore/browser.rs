@@ -88,7 +88,9 @@ fn begun(name: &str) -> Result<Session, Error> {
     let ready = Ready::new()?;
     let load = |structure: &Structure| {
         let Whole { source, values, notes } = Whole::new(structure, ready.library())?;
-        Ok(LoadedLoop::whole(&structure.name, ready.fmu(&source)?, &values, notes)?.recording(structure.signals()))
+        Ok(LoadedLoop::whole(&structure.name, ready.fmu(&source)?, &values, notes)?
+            .recording(structure.signals())
+            .with_events(&structure.events)?)
     };
     let plain = load(&structure)?;
     let (bases, notes) = cases(structure, &files, load)?;

@@ -7,6 +7,7 @@
 //   decades       [low, high], the ends of a logarithmic axis of values; null where it is linear
 //   peak          a peak at the start or at the end, in whose range the rest would be flat: {from, until, value, low, high} are
 //                 its times, its largest value, and the range of the rest; null where there is none
+//   marks         times of events: {time, text}
 //   curves        name, colour, dashes (lengths of lines and gaps in pixels, none of a solid line), beneath (whether it is a
 //                 reference, which lies beneath the others), x and y (arrays of one length; null where there is no value)
 // The program decides all of them (src/simulation/diagram); this file decides nothing about what a curve is.
@@ -162,6 +163,11 @@ class Diagram {
     // What lies outside is cut off by an inner picture.
     const inside = element('svg', {x: LEFT, y: TOP, width: right - LEFT, height: bottom - TOP,
       viewBox: `${LEFT} ${TOP} ${right - LEFT} ${bottom - TOP}`});
+    for (const {time, text} of this.marks.filter(({time}) => time >= from && time <= to)) {
+      const event = element('path', {class: 'event', d: `M${this.scale.across(time)},${TOP}V${bottom}`});
+      event.append(element('title', {}, text));
+      inside.append(event);
+    }
     // References lie beneath.
     for (const beneath of [true, false]) {
       for (const curve of this.visible.filter(curve => curve.beneath === beneath)) inside.append(this.line(curve));

@@ -32,6 +32,7 @@ pub const DIAGRAMS: &str = "
   .plot .curve { stroke-width: 1.5; stroke-linejoin: round; }
   .plot .beneath { stroke-width: 3.2; stroke-opacity: .55; }
   .plot .mark { stroke: #888; }
+  .plot .event { stroke: #b00020; stroke-dasharray: 2 3; }
   .plot .zoomed { fill: #0002; }
   .legend { flex: 0 0 15em; margin: .4em 0 0; display: flex; flex-direction: column; align-items: start; }
   .legend button, .peak { border: 0; padding: .15em 0; background: none; font: inherit; font-size: .85em; text-align: left;

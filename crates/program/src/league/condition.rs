@@ -122,20 +122,20 @@ impl Pair<'_> {
         let middle = 0.5 * self.plant.duration;
         if condition.includes(Condition::Loss) {
             for place in self.elements(ACTUATOR, "gain") {
-                deviation.changes.push(Change { at: middle, place, value: self.plant.left });
+                deviation.changes.push(Change { at: middle, place, value: Value::Real(self.plant.left) });
             }
         }
         if condition.includes(Condition::Fault) {
             for (name, &value) in &self.plant.fault {
-                deviation.changes.push(Change { at: middle, place: self.place(name)?, value });
+                deviation.changes.push(Change { at: middle, place: self.place(name)?, value: Value::Real(value) });
             }
         }
         if condition.includes(Condition::Pulse) {
             for (name, &value) in &self.plant.pulse {
                 let place = self.place(name)?;
                 let before = self.nominal(place);
-                deviation.changes.push(Change { at: middle, place, value: before + value });
-                deviation.changes.push(Change { at: middle + PULSE, place, value: before });
+                deviation.changes.push(Change { at: middle, place, value: Value::Real(before + value) });
+                deviation.changes.push(Change { at: middle + PULSE, place, value: Value::Real(before) });
             }
         }
         deviation.changes.sort_by(|a, b| a.at.total_cmp(&b.at));

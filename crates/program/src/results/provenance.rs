@@ -87,6 +87,9 @@ pub struct Asked {
     pub cases: Vec<Mark>,
     /// Single values, `unit.variable=value`.
     pub set: Vec<String>,
+    /// Events, `time: unit.variable=value`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub events: Vec<String>,
     /// Folder of FMUs that are used as they are.
     pub fmus: Option<PathBuf>,
     /// True if units of other tools run in the program's process.

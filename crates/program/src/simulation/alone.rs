@@ -2,17 +2,19 @@
 
 use std::sync::Arc;
 
-use super::closed_loop::Said;
+use super::closed_loop::{ROUNDING, Said};
 use super::exchange::Exchange;
 use super::inputs::Inputs;
+use super::loaded::may_change;
 use super::port::{Ports, signals};
 use super::recording::Recording;
 use crate::error::Error;
 use crate::fmi2::calls::Interface;
-use crate::fmu::{Fmu, Instance, SHOWS_VARIABLES, set_starts};
+use crate::fmu::{Fmu, Instance, SHOWS_VARIABLES, Value, set_starts, typed, within_limits};
 use crate::model_description::Affine;
-use crate::model_description::ModelStructure;
-use crate::structure::Settings;
+use crate::model_description::{ModelDescription, ModelStructure, Variable};
+use crate::near;
+use crate::structure::{Event, Settings};
 
 /// What is run, and how.
 #[derive(Debug)]
@@ -29,6 +31,42 @@ pub struct Alone<'a> {
     pub inputs: Option<&'a Inputs>,
     /// What is recorded beside the outputs.
     pub further: &'a [String],
+    /// Values that variables get during the run, in the order of their times.
+    pub events: &'a [AloneEvent],
+}
+
+/// A value that a variable of a unit gets during a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AloneEvent {
+    time: f64,
+    reference: u32,
+    value: Value,
+}
+
+impl AloneEvent {
+    /// Events of a unit some of whose inputs have values over time, in the order of their times.
+    ///
+    /// # Errors
+    /// An event of a variable that isn't there, can't change during a run, or can't have the value.
+    pub fn all(events: &[Event], description: &ModelDescription, inputs: Option<&Inputs>) -> Result<Vec<Self>, Error> {
+        let one = |Event { time, name, text, origin }: &Event| {
+            let refuse = |reason: String| origin.refuse(&reason);
+            let known = |variable: &&Variable| may_change(variable, None).is_ok();
+            let variable = description.variable(name).ok_or_else(|| {
+                let known: Vec<_> = description.variables.iter().filter(known).map(|v| v.name.as_str()).collect();
+                refuse(format!("there is no `{name}` that may change during a run; {}", near::choice(name, &known, "")))
+            })?;
+            let has_course = inputs.is_some_and(|inputs| inputs.has(variable.reference));
+            may_change(variable, has_course.then_some("--input has values for it"))
+                .map_err(|reason| refuse(format!("`{name}` can't change during a run: {reason}")))?;
+            let value = typed(text, variable).and_then(|value| within_limits(value, variable));
+            let value = value.map_err(|reason| refuse(format!("`{name}` = {text}: {reason}")))?;
+            Ok(AloneEvent { time: *time, reference: variable.reference, value })
+        };
+        let mut all = events.iter().map(one).collect::<Result<Vec<_>, Error>>()?;
+        all.sort_by(|a, b| a.time.total_cmp(&b.time));
+        Ok(all)
+    }
 }
 
 enum Running<'a> {
@@ -66,7 +104,12 @@ impl Alone<'_> {
         let name = &self.fmu.description.name;
         ports.give(running.instance(), &mut row)?;
         recording.push(start_time, &row);
+        let mut events = self.events.iter().peekable();
         for (time, next) in settings.points() {
+            let is_due = |event: &&AloneEvent| event.time <= time + ROUNDING * (next - time);
+            let due: Vec<_> =
+                std::iter::from_fn(|| events.next_if(is_due)).map(|it| (it.reference, it.value.clone())).collect();
+            running.change(&due)?;
             running.advance(self.inputs, time, next)?;
             ports.give(running.instance(), &mut row)?;
             recording.push(next, &row);
@@ -146,6 +189,17 @@ impl Running<'_> {
         match self {
             Running::CoSimulation(instance) => instance,
             Running::Exchange(exchange) => exchange.into_instance(),
+        }
+    }
+
+    /// Gives variables values at the present time.
+    fn change(&mut self, changes: &[(u32, Value)]) -> Result<(), Error> {
+        match self {
+            _ if changes.is_empty() => Ok(()),
+            Running::CoSimulation(instance) => {
+                changes.iter().try_for_each(|(reference, value)| instance.set_start(*reference, value))
+            }
+            Running::Exchange(exchange) => exchange.event(changes),
         }
     }
 

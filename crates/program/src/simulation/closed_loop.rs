@@ -4,12 +4,14 @@ use super::port::Ports;
 use super::recording::Recording;
 use super::settling::Settling;
 use crate::error::Error;
-use crate::fmu::{Instance, Messages};
+use crate::fmu::{Instance, Messages, Value};
 use crate::model_description::Affine;
 use crate::model_description::Variable;
 use crate::report::number;
 use crate::structure::{Order, Settings};
 
+/// A change that is due later by at most this part of a communication step is due: times of points are rounded.
+pub(super) const ROUNDING: f64 = 1e-6;
 /// The most messages of a unit that a recording keeps; of further ones, their number and the last.
 const MOST_MESSAGES: usize = 100;
 
@@ -20,15 +22,15 @@ pub struct Place {
     pub(crate) variable: usize,
 }
 
-/// A value that a Real variable gets while a loop runs.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A value that a variable gets while a loop runs.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Change {
     /// When, s.
     pub at: f64,
     /// Of which variable.
     pub place: Place,
     /// The value.
-    pub value: f64,
+    pub value: Value,
 }
 
 /// A unit with what it gives and takes.
@@ -89,13 +91,15 @@ pub struct ClosedLoop {
     notes: Vec<String>,
     /// True if values may go round without a delay.
     circular: bool,
+    /// Values that variables get while it runs.
+    changes: Vec<Change>,
 }
 
 impl ClosedLoop {
     /// A loop without units.
-    pub(super) fn empty(notes: Vec<String>, circular: bool) -> Self {
+    pub(super) fn empty(notes: Vec<String>, circular: bool, changes: Vec<Change>) -> Self {
         let (units, names, measures, row) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        ClosedLoop { units, names, measures, row, notes, circular }
+        ClosedLoop { units, names, measures, row, notes, circular, changes }
     }
 
     /// Adds a unit; what is recorded of it are the variables at some places, named by them with a prefix.
@@ -127,8 +131,8 @@ impl ClosedLoop {
     }
 
     /// Runs the loop and keeps nothing of it: `watch` is told the time and all signals, in the order of their names, at every
-    /// communication point, and may end the run by answering false. Changes, in the order of their times, are set at the
-    /// first point that isn't before them.
+    /// communication point, and may end the run by answering false. Further changes are set at the first point that isn't
+    /// before them.
     ///
     /// # Errors
     /// When a unit fails.
@@ -235,15 +239,17 @@ impl ClosedLoop {
         let Settings { start_time, stop_time, order, .. } = settings;
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
         let mut goes_on = watch(recording, start_time, &self.row);
-        let mut changes = changes.iter().peekable();
+        let mut changes: Vec<&Change> = self.changes.iter().chain(changes).collect();
+        changes.sort_by(|a, b| a.at.total_cmp(&b.at));
+        let mut changes = changes.into_iter().cloned().collect::<Vec<_>>().into_iter().peekable();
         for (time, next) in settings.points() {
             if !goes_on {
                 break;
             }
-            while let Some(change) = changes.next_if(|change| change.at <= time) {
-                let Place { unit, variable } = change.place;
+            let is_due = |change: &Change| change.at <= time + ROUNDING * (next - time);
+            while let Some(Change { place: Place { unit, variable }, value, .. }) = changes.next_if(is_due) {
                 let instance = &self.units[unit].instance;
-                instance.set_real(&[instance.description().variables[variable].reference], &[change.value])?;
+                instance.set_start(instance.description().variables[variable].reference, &value)?;
             }
             if order == Order::Jacobi {
                 self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;

@@ -2,7 +2,7 @@
 
 use super::inputs::{Inputs, Side};
 use crate::error::Error;
-use crate::fmu::{Event, Instance};
+use crate::fmu::{Event, Instance, Value};
 use crate::integrator::tableau::{E, STAGES, TABLEAU};
 
 /// A step is never shorter than this part of the time, or of 1 s.
@@ -86,7 +86,7 @@ impl<'a> Exchange<'a> {
             let is_due = |time: Option<f64>, now: f64| time.is_some_and(|time| time - now <= shortest);
             let wants = self.instance.completed_step()?;
             if crossed || wants || is_due(self.next_event, self.time) || is_due(input, self.time) {
-                self.event()?;
+                self.event(&[])?;
             }
         }
         self.put((self.time, Side::After), &self.states.clone())
@@ -169,8 +169,8 @@ impl<'a> Exchange<'a> {
         Ok(())
     }
 
-    /// An event where the unit stands.
-    fn event(&mut self) -> Result<(), Error> {
+    /// An event where the unit stands, at which variables get values.
+    pub fn event(&mut self, changes: &[(u32, Value)]) -> Result<(), Error> {
         let is_close = self.time - self.last_event <= CLOSE * self.time.abs().max(1.0);
         self.close = if is_close { self.close + 1 } else { 0 };
         self.last_event = self.time;
@@ -182,6 +182,7 @@ impl<'a> Exchange<'a> {
         if let Some(inputs) = self.inputs {
             inputs.set(&self.instance, self.time)?;
         }
+        changes.iter().try_for_each(|(reference, value)| self.instance.set_start(*reference, value))?;
         let Event { next, states_changed, nominals_changed } = self.instance.finish_event()?;
         self.next_event = next;
         if nominals_changed && !self.nominals.is_empty() {

@@ -145,6 +145,11 @@ impl Inputs {
         Ok(Inputs { times: times.to_vec(), columns })
     }
 
+    /// True if an input has values here.
+    pub fn has(&self, reference: u32) -> bool {
+        self.columns.iter().any(|column| column.reference == reference)
+    }
+
     /// The times, s.
     pub fn times(&self) -> &[f64] {
         &self.times

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::closed_loop::{ClosedLoop, Place};
+use super::closed_loop::{Change, ClosedLoop, Place};
 use super::port::signals;
 use crate::error::Error;
 use crate::fmu::{Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
 use crate::model_description::{ModelDescription, Variable};
 use crate::near;
-use crate::structure::{Circles, Component, Link, Structure, check};
+use crate::structure::{Circles, Component, Event, Link, Structure, check};
 
 /// A loop that is ready to be instantiated.
 #[derive(Debug)]
@@ -19,6 +19,7 @@ pub struct LoadedLoop {
     links: Vec<Link>,
     notes: Vec<String>,
     circular: bool,
+    changes: Vec<Change>,
 }
 
 #[derive(Debug)]
@@ -31,6 +32,16 @@ pub(crate) struct LoadedUnit {
     pub values: Vec<(usize, Value)>,
     /// What is recorded of it: places of its outputs, and of what else is asked for.
     recorded: Vec<usize>,
+}
+
+/// Refuses a variable that can't get a value during a run: all but tunable parameters, and inputs unless there is another source.
+pub(super) fn may_change(variable: &Variable, other_source: Option<&str>) -> Result<(), String> {
+    match (&*variable.causality, &*variable.variability) {
+        ("parameter", "tunable") => Ok(()),
+        ("input", _) => other_source.map_or(Ok(()), |source| Err(source.to_owned())),
+        ("parameter", _) => Err("it is a fixed parameter, which is set before a run (--set)".to_owned()),
+        (causality, variability) => Err(format!("it is a {variability} {causality}")),
+    }
 }
 
 impl LoadedUnit {
@@ -79,7 +90,7 @@ impl LoadedLoop {
             LoadedUnit::new(fmu, &component.name, format!("{}.", component.name), values)
         });
         let (links, notes, circular) = (wiring.links, wiring.notes, wiring.circular);
-        Ok(LoadedLoop { units: units.collect(), links, notes, circular })
+        Ok(LoadedLoop { units: units.collect(), links, notes, circular, changes: Vec::new() })
     }
 
     /// A loop that is one FMU, whose variables have the names that they have in the loop, with start values.
@@ -94,7 +105,7 @@ impl LoadedLoop {
         };
         let values = values.iter().map(place).collect::<Result<_, Error>>()?;
         let unit = LoadedUnit::new(fmu, name, String::new(), values);
-        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false })
+        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false, changes: Vec::new() })
     }
 
     /// Its units, in the order in which they are stepped.
@@ -169,6 +180,37 @@ impl LoadedLoop {
         within_limits(typed(text, variable)?, variable)
     }
 
+    /// Gives variables values while it runs.
+    ///
+    /// # Errors
+    /// An event of a variable that isn't there, can't change in a run, or can't have the value.
+    pub fn with_events(mut self, events: &[Event]) -> Result<Self, Error> {
+        let change = |event: &Event| {
+            let refuse = |reason: String| event.origin.refuse(&reason);
+            let place = self.changeable(&event.name).map_err(refuse)?;
+            let value = self.start_value(place, &event.text);
+            let value = value.map_err(|reason| refuse(format!("`{}` = {}: {reason}", event.name, event.text)))?;
+            Ok(Change { at: event.time, place, value })
+        };
+        self.changes = events.iter().map(change).collect::<Result<_, _>>()?;
+        Ok(self)
+    }
+
+    /// The place of a variable that may get a value while the loop runs: a tunable parameter, or an input that is open.
+    fn changeable(&self, name: &str) -> Result<Place, String> {
+        let allowed = |place: Place, variable: &Variable| {
+            let is_connected = self.links.iter().any(|link| link.to == (place.unit, place.variable));
+            may_change(variable, is_connected.then_some("it is connected"))
+        };
+        if let Some((place, variable)) = self.variable(name) {
+            let reason = |reason: String| format!("`{name}` can't change during a run: {reason}");
+            return allowed(place, variable).map(|()| place).map_err(reason);
+        }
+        let known = self.variables().filter(|(_, place, variable)| allowed(*place, variable).is_ok());
+        let known: Vec<_> = known.map(|(full, _, _)| full).collect();
+        Err(format!("there is no `{name}` that may change during a run; {}", near::choice(name, &known, "")))
+    }
+
     /// Records these signals too, where units have variables of these names: they need not be outputs.
     #[must_use]
     pub fn recording<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
@@ -232,7 +274,7 @@ impl LoadedLoop {
     /// # Errors
     /// When a unit refuses.
     pub fn instantiate_with(&self, further: &[(Place, Value)]) -> Result<ClosedLoop, Error> {
-        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular);
+        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular, self.changes.clone());
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
         for (k, LoadedUnit { fmu, name, prefix, values, recorded }) in self.units.iter().enumerate() {

@@ -10,7 +10,7 @@ mod recording;
 mod replay;
 mod settling;
 
-pub use alone::Alone;
+pub use alone::{Alone, AloneEvent};
 pub use closed_loop::{Change, ClosedLoop, Place};
 pub use inputs::{Inputs, Read, values_of};
 pub use loaded::LoadedLoop;

@@ -35,7 +35,7 @@ impl Diagram<'_> {
         };
         let curves: Vec<Value> = self.curves.iter().map(curve).collect();
         json!({ "title": self.title, "x": self.x, "y": self.y, "decades": self.decades, "peak": self.peak,
-                "curves": curves })
+                "marks": self.marks, "curves": curves })
     }
 
     /// What a program draws it of that has the signals.
@@ -52,7 +52,7 @@ impl Diagram<'_> {
         let signals: Vec<&String> = signals.filter_map(|curve| curve.shown.of.as_ref()).collect();
         let curves: Vec<Value> = self.curves.iter().map(curve).collect();
         json!({ "title": self.title, "signals": signals, "x": self.x, "y": self.y, "decades": self.decades,
-                "peak": self.peak, "parts": self.parts(), "curves": curves })
+                "peak": self.peak, "marks": self.marks, "parts": self.parts(), "curves": curves })
     }
 
     /// Points of a curve. All groups of a peak are there: it is seen on two scales.

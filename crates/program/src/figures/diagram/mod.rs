@@ -127,6 +127,17 @@ pub struct Diagram<'a> {
     pub curves: Vec<Curve<'a>>,
     /// The peak that is shown by itself.
     pub peak: Option<Peak>,
+    /// Times at which variables got values.
+    pub marks: Vec<Mark>,
+}
+
+/// A time that is marked in a diagram.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Mark {
+    /// When, s.
+    pub time: f64,
+    /// The event.
+    pub text: String,
 }
 
 /// The words at the axis of time.
@@ -155,6 +166,7 @@ impl<'a> Diagram<'a> {
             decades: None,
             curves: given.into_iter().zip(styles(&parts)).map(curve).collect(),
             peak: None,
+            marks: Vec::new(),
         };
         if diagram.is_logarithmic(scale) {
             diagram.decades = Some(decades(diagram.values()));

@@ -4,9 +4,9 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use super::{Diagram, Given, Part, Shown, time_label};
+use super::{Diagram, Given, Mark, Part, Shown, time_label};
 use crate::simulation::Recording;
-use crate::structure::{Metric, PerformanceFunction, Plot, Scale, Structure};
+use crate::structure::{Event, Metric, PerformanceFunction, Plot, Scale, Structure};
 
 impl Structure {
     /// The signals of a plot that others are to come to: those that it names so, ideal models, and what units give that
@@ -97,6 +97,11 @@ pub fn diagrams<'a>(structure: &Structure, recording: &'a Recording) -> Result<V
         let title = if funnels.len() > 1 { format!("{title} {}", place + 1) } else { title };
         diagrams.push(in_funnel(&title, structure, *funnel, recording)?);
     }
+    let end = recording.times.last().copied().unwrap_or(f64::NEG_INFINITY);
+    let events = structure.events.iter().filter(|event| event.time < end);
+    let marks: Vec<_> =
+        events.map(|Event { time, name, text, .. }| Mark { time: *time, text: format!("{name} = {text}") }).collect();
+    diagrams.iter_mut().for_each(|diagram| diagram.marks.clone_from(&marks));
     Ok(diagrams)
 }
 

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::axis::Axis;
 use super::thinned::{simplified, thinned};
-use super::{Curve, Diagram, Style};
+use super::{Curve, Diagram, Mark, Style};
 use crate::drawing::escaped;
 
 /// How large a sheet and what is on it are, in pixels.
@@ -36,6 +36,8 @@ const MARGIN: f64 = 12.0;
 /// The line in front of a name in a legend.
 const SAMPLE: f64 = 34.0;
 const GREY: &str = "#444";
+/// Colour of the times of events.
+const EVENT: &str = "#b00020";
 /// What holds for all curves.
 pub(super) const CURVES: &str = "fill=\"none\" stroke-linejoin=\"round\"";
 
@@ -161,7 +163,7 @@ fn panels(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top:
             Some(_) => total - of_peak - between,
         };
         let frame = Frame { left, top, width, height: sheet.height, x: Axis::linear((from, to)), y };
-        frame.draw(out, sheet.font, &diagram.curves);
+        frame.draw(out, sheet.font, diagram);
         let told = match (peak, place) {
             (None, _) => "",
             (Some(0), 0) => "the start",
@@ -190,7 +192,7 @@ struct Frame {
 }
 
 impl Frame {
-    fn draw(&self, out: &mut String, font: f64, curves: &[Curve]) {
+    fn draw(&self, out: &mut String, font: f64, Diagram { curves, marks, .. }: &Diagram) {
         let Frame { left, top, width, height, x, y } = self;
         let (right, bottom) = (left + width, top + height);
         let mut grid = String::new();
@@ -215,6 +217,14 @@ impl Frame {
             "<svg x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
              viewBox=\"0 0 {wide:.0} {tall:.0}\" {CURVES}>"
         );
+        for Mark { time, text } in marks.iter().filter(|mark| (x.low..=x.high).contains(&mark.time)) {
+            let (across, title) = (x.place(*time) * wide, escaped(text));
+            let _ = writeln!(
+                out,
+                "<path d=\"M{across:.0} 0V{tall:.0}\" stroke=\"{EVENT}\" stroke-width=\"{TENTHS}\" stroke-dasharray=\"20 30\">\
+                 <title>{title}</title></path>"
+            );
+        }
         for beneath in [true, false] {
             for curve in curves.iter().filter(|curve| curve.style.beneath == beneath) {
                 let _ = writeln!(out, "<path d=\"{}\" {}/>", self.path(curve), stroke(&curve.style, TENTHS));

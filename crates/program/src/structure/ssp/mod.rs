@@ -2,6 +2,7 @@
 
 mod annotation;
 mod defaults;
+mod event;
 mod files;
 mod followed;
 mod parameters;
@@ -15,6 +16,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub use annotation::{ExpectedFailure, IdealModel, Metric, PerformanceFunction, Plot, Scale, Statistic};
+pub use event::{Event, within_run};
 pub use files::LoopFiles;
 pub(super) use files::is_inside;
 pub(super) use reader::parse;
@@ -69,6 +71,8 @@ pub struct Structure {
     pub expected_failure: Option<ExpectedFailure>,
     /// How it is tuned, unless the user says otherwise.
     pub tuning: Option<Tuning>,
+    /// Values that variables get while it runs.
+    pub events: Vec<Event>,
     /// What was chosen for it.
     pub notes: Vec<String>,
 }
@@ -221,6 +225,7 @@ impl Structure {
             plots: Vec::new(),
             expected_failure: None,
             tuning: None,
+            events: Vec::new(),
             notes: Vec::new(),
         }
     }
@@ -278,12 +283,16 @@ impl Structure {
 }
 
 impl Origin {
+    /// True if it is an argument of a command.
+    pub fn is_argument(&self) -> bool {
+        self.file.to_string_lossy().starts_with("--")
+    }
+
     /// A refusal of what was given there.
     pub fn refuse(&self, reason: &str) -> Error {
         let reason = self.line.map_or_else(|| reason.to_owned(), |line| format!("line {line}: {reason}"));
         let file = self.file.clone();
-        let is_argument = file.to_string_lossy().starts_with("--");
-        match is_argument {
+        match self.is_argument() {
             true => Error::Argument(Invalid::because(format!("{}: {reason}", file.display()))),
             false => Error::Loop { file, reason },
         }

@@ -81,6 +81,7 @@ impl Reader<'_> {
             plots: read("Plot").map(|node| self.plot(node)).collect::<Result<_, _>>()?,
             expected_failure: read("ExpectedFailure").next().map(|node| self.expected_failure(node)).transpose()?,
             tuning: read("Tuning").next().map(|node| self.tuning(node)).transpose()?,
+            events: read("Event").map(|node| self.event(node)).collect::<Result<_, _>>()?,
             notes: Vec::new(),
         };
         structure.stop_time = number("stopTime")?.unwrap_or_else(|| structure.proposed_stop_time());
