@@ -19,11 +19,12 @@ from ._design import Designed, design
 from ._errors import ArgumentError, Error, ExperimentWarning, Interrupted, LimitExceeded
 from ._identify import Identified, identify
 from ._linear import Linearisation
-from ._loop import Loop, Sweep, Tuned
+from ._loop import Loop, Tuned
 from ._parameters import Estimated, estimate
 from ._program import program
 from ._result import Result
 from ._studies import Explored, compare, explore, league, report, validate
+from ._sweep import Sweep
 from ._units import export, fmus, kinds, linearise, loops, new, simulate
 
 __all__ = [

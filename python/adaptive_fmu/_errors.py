@@ -16,7 +16,7 @@ class Error(Exception):
     there is no loop named `3.2.1-cosin`; did you
     """
 
-    #: `Result` with the points computed until an FMU failed; None if there are none.
+    #: `Result` with the points computed until an FMU failed, or `Sweep` with the runs until workers were lost; None if there are none.
     partial: Any = None
 
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import html
-import itertools
 import os
 import tempfile
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
@@ -21,10 +18,12 @@ from ._drafted import Diagram, Drafted
 from ._errors import ArgumentError, Error, Interrupted
 from ._linear import Linearisation
 from ._program import INTERRUPTED
-from ._progress import counted, shown
+from ._progress import shown
 from ._result import Result, result_of
+from ._study import Study, combined
+from ._sweep import Sweep
 from ._units import linearise
-from ._values import PathLike, Value, alias, number, of_units, words
+from ._values import Events, PathLike, Value, alias, event_words, number, of_units, texts, words
 from ._values import shown as shown_number
 
 #: Values for one component, by the names of its variables.
@@ -155,6 +154,7 @@ class Loop:
         composite: bool = False,
         case: PathLike | Sequence[PathLike] = (),
         values: Mapping[str, Value] | None = None,
+        events: Events = (),
         start_values: Mapping[str, Value] | None = None,
         stop_time: float | None = None,
         output_interval: float | None = None,
@@ -174,6 +174,8 @@ class Loop:
         values: start values by name, "component.variable". They override those of `case`. An array sets each element. `start_values` is
             the same.
         **units: start values of one component by the names of its variables, e.g. `plant={"omega": 2.5}`. They override `values`.
+        events: values that tunable parameters and open inputs get during the run, (time in s, "component.variable", value), at the
+            first communication point that is not before that time.
         fmus: folder with FMUs to use as they are. Default: those that come with the loop; others are generated from descriptions.
         out: folder for a page with plots, CSV and metrics. Default: None, nothing is written.
         progress: True to show a progress bar, False to show none. Default: a bar in notebooks and terminals.
@@ -191,7 +193,7 @@ class Loop:
         until, step = alias("until", until, "stop_time", stop_time), alias("step", step, "output_interval", output_interval)
         values = alias("values", values, "start_values", start_values)
         request = ["run", *self._words(until, step, order, composite, case, fmus), "--json"]
-        request += words("--set", of_units(values, units))
+        request += [*words("--set", of_units(values, units)), *event_words(events)]
         request += [f"--out={os.fspath(out)}"] if out is not None else []
         return self._run([*request, *self._named], progress)
 
@@ -199,6 +201,10 @@ class Loop:
     def _named(self) -> list[str]:
         """Words for the loop, after all options: its name may begin with a dash, as an option does."""
         return ["--", self.name]
+
+    @staticmethod
+    def _cases(case: PathLike | Sequence[PathLike]) -> Sequence[PathLike]:
+        return [case] if isinstance(case, (str, os.PathLike)) else case
 
     @staticmethod
     def _words(
@@ -209,8 +215,7 @@ class Loop:
         case: PathLike | Sequence[PathLike],
         fmus: PathLike | None,
     ) -> list[str]:
-        cases = [case] if isinstance(case, (str, os.PathLike)) else case
-        found = [f"--case={os.fspath(file)}" for file in cases]
+        found = [f"--case={os.fspath(file)}" for file in Loop._cases(case)]
         for option, value in (("--until", until), ("--step", step)):
             found += [f"{option}={number(value)}"] if value is not None else []
         for option, text in (("--order", order), ("--fmus", fmus)):
@@ -229,9 +234,10 @@ class Loop:
 
     def sweep(
         self,
-        over: Mapping[str, ArrayLike],
+        over: Mapping[str, ArrayLike] | pd.DataFrame,
         *,
         workers: int | None = None,
+        executor: Any = None,
         keep: bool = False,
         until: float | None = None,
         step: float | None = None,
@@ -239,18 +245,31 @@ class Loop:
         composite: bool = False,
         case: PathLike | Sequence[PathLike] = (),
         values: Mapping[str, Value] | None = None,
+        events: Events = (),
+        out: PathLike | None = None,
+        force: bool = False,
         progress: bool | None = None,
         **units: OfUnit,
     ) -> Sweep:
-        """Run the loop with all combinations of some values, in parallel, and return them as a `Sweep`.
+        """Run the loop with all combinations of some values, or with the rows of a table, in parallel, and return a `Sweep`.
 
-        over: values to combine, by the names of variables, "component.variable".
-        workers: number of parallel runs. Default: number of cores.
+        over: values to combine, by the names of variables, "component.variable"; or a DataFrame with one row per run, whose columns
+            have these names.
+        workers: number of parallel runs. Default: number of cores. It excludes `executor`.
+        executor: where the runs are carried out: an executor of concurrent.futures or loky, a `Client` of Dask or its
+            `get_executor()`, or any object whose `submit(function, …)` returns a Future. Each worker needs this package in the same
+            version. Dask gets the files of the loop and of `case` from here; for other executors their paths must exist on the
+            machines of the workers. The results are the same to the bit on machines of the same platform. Default: None, threads of
+            this process.
         keep: True to store each run in `Sweep.results`. Default: False, only the metrics are stored.
+        out: folder in which each run is stored as soon as it is done. A call with the same arguments continues the sweep that is
+            stored there, also with further values in `over`; a call with other arguments is refused, and the message lists the
+            differences. Default: None, nothing is stored.
+        force: True to start again and replace an earlier sweep in the folder. Default: False.
 
         The other arguments are those of `run`. If an FMU fails, the row of that run shows the reason; only a refused request
-        raises an exception. If the user interrupts the sweep, it raises `Interrupted`, whose `partial` contains the rows until
-        then.
+        raises an exception. If the user interrupts the sweep, it raises `Interrupted`, if workers are lost, `Error`, whose `partial`
+        contains the rows until then. Dask repeats the runs of lost workers.
 
         >>> import adaptive_fmu, numpy as np
         >>> loop = adaptive_fmu.Loop("3.2.1-cosine")
@@ -258,34 +277,19 @@ class Loop:
         >>> swept.data[["controller.adaptation_gain", "ended"]].to_dict("list")
         {'controller.adaptation_gain': [1000.0, 10000.0, 100000.0], 'ended': ['complete', 'complete', 'complete']}
         """
-        names, axes = list(over), [np.asarray(of).ravel().tolist() for of in over.values()]
-        points = list(itertools.product(*axes))
-        fixed = ["run", *self._words(until, step, order, composite, case, None), "--json"]
-        fixed += words("--set", of_units(values, units))
-        requests = [[*fixed, *words("--set", dict(zip(names, point))), *self._named] for point in points]
-        swept = Sweep(self.name, names, keep)
-        workers = min(workers or os.cpu_count() or 1, max(len(points), 1))
-        pool = ThreadPoolExecutor(workers)
-        waiting: list[tuple[Any, Future[Any]]] = []
-        try:
-            with counted(self.name, len(points), progress) as count:
-                waiting = [(point, pool.submit(_pool.ask, request)) for point, request in zip(points, requests)]
-                for point, future in waiting:
-                    swept.add(point, future.result())
-                    count()
-        except KeyboardInterrupt:
-            _give_up(waiting)
-            interrupted = Interrupted(
-                f"Interrupted after {len(swept.data)} of {len(points)} runs. The attribute `partial` contains them"
-            )
-            interrupted.partial = swept
-            raise interrupted from None
-        except BaseException:
-            _give_up(waiting)
-            raise
-        finally:
-            pool.shutdown(wait=True)
-        return swept
+        if workers is not None and executor is not None:
+            raise ArgumentError("workers and executor exclude each other: the executor has its own number of workers")
+        cases = [os.fspath(file) for file in self._cases(case)]
+        together = of_units(values, units)
+        fixed = ["run", *self._words(until, step, order, composite, cases, None), "--json", *words("--set", together)]
+        fixed += event_words(events)
+        names, points = combined(over)
+        study = Study(self.name, names, points, fixed, cases, keep)
+        if out is not None:
+            times = {name: None if time is None else float(time) for name, time in (("until", until), ("step", step))}
+            further = {"order": order, "composite": composite, "values": texts(together), "events": event_words(events)}
+            study.store(out, {"loop": self._structure()["name"], **times, **further}, force)
+        return study.carry_out(executor, workers, progress)
 
     def tune(
         self,
@@ -301,6 +305,7 @@ class Loop:
         step: float | None = None,
         case: PathLike | Sequence[PathLike] = (),
         values: Mapping[str, Value] | None = None,
+        events: Events = (),
         out: PathLike | None = None,
         force: bool = False,
         tag: str | None = None,
@@ -337,7 +342,7 @@ class Loop:
         True
         """
         request = ["tune", *self._words(until, step, None, False, case, None), "--json"]
-        request += words("--set", of_units(values, units))
+        request += [*words("--set", of_units(values, units)), *event_words(events)]
         for name, bounds in parameters.items():
             within = "" if bounds is None else f"={number(bounds[0])}..{number(bounds[1])}"
             request += [f"--parameter={name}{within}"]
@@ -376,76 +381,6 @@ class Loop:
         """
         together = of_units(values, units)
         return linearise(self.name, at=at, steady_state=steady_state, free=free, want=want, hold=hold, values=together, step=step)
-
-
-def _give_up(waiting: Sequence[tuple[Any, Future[Any]]]) -> None:
-    """Cancel the runs that have not begun, and stop the others at their next communication point."""
-    for _, future in waiting:
-        future.cancel()
-    _pool.stop()
-
-
-class Sweep:
-    """Runs of a loop with all combinations of some values.
-
-    >>> import adaptive_fmu
-    >>> swept = adaptive_fmu.Loop("3.2.1-cosine").sweep({"plant.omega": [1.0, 2.0]}, until=6)
-    >>> list(swept.data.columns[:2]), len(swept)
-    (['plant.omega', 'ended'], 2)
-    """
-
-    def __init__(self, name: str, names: Sequence[str], keep: bool) -> None:
-        #: Name of the loop.
-        self.name = name
-        #: Results of the runs, in the order of the rows; empty unless `sweep` was called with keep=True.
-        self.results: list[Result] = []
-        self._names, self._keep = list(names), keep
-        self._rows: list[dict[str, Any]] = []
-
-    def add(self, point: Sequence[Any], answer: Any) -> None:
-        """Add the row of one run: its values and the answer of the program."""
-        row: dict[str, Any] = dict(zip(self._names, point))
-        if answer.table is None:
-            raise answer.failure() or Error(
-                "The program returned no result, because its version differs from that of this package. `adaptive_fmu.program()` "
-                "returns its file. Install this package again with pip, which also installs the program"
-            )
-        if answer.code == INTERRUPTED:
-            raise KeyboardInterrupt
-        failure = answer.failure()
-        result = Result(answer)
-        row["ended"] = result.ended
-        row.update(result.metrics["value"])
-        row["message"] = "" if failure is None else str(failure)
-        self._rows.append(row)
-        if self._keep:
-            self.results.append(result)
-
-    @property
-    def data(self) -> pd.DataFrame:
-        """Table with one row per combination.
-
-        Its columns are the values, `ended` ("complete" or "failed"), the metrics by their labels, and `message` (the reason of a
-        failure, or "").
-
-        >>> import adaptive_fmu
-        >>> data = adaptive_fmu.Loop("3.2.1-cosine").sweep({"plant.omega": [1.0, 2.0]}, until=6).data
-        >>> bool((data["max |u|"] > 0).all())
-        True
-        """
-        return pd.DataFrame(self._rows, columns=None if self._rows else [*self._names, "ended", "message"])
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __iter__(self) -> Iterator[Result]:
-        return iter(self.results)
-
-    def __repr__(self) -> str:
-        return f"<{self.name} over {', '.join(self._names)}: {len(self)} runs>"
-
-    def _repr_html_(self) -> str:
-        return str(self.data.to_html(index=False, na_rep=""))
 
 
 class Tuned:

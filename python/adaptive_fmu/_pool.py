@@ -15,10 +15,13 @@ _busy: set[Conversation] = set()
 _lock = Lock()
 
 
-def ask(words: Sequence[str], progress: Progress | None = None) -> Answer:
-    """Send a request to a waiting program, or to a new one. The caller raises the exception of the answer, if any."""
+def ask(words: Sequence[str], progress: Progress | None = None, folder: str | None = None) -> Answer:
+    """Send a request to a waiting program, or to a new one. The caller raises the exception of the answer, if any.
+
+    folder: working folder of the request. Default: that of this process.
+    """
     with _conversation() as conversation:
-        return conversation.ask(words, progress)
+        return conversation.ask(words, progress, folder)
 
 
 def done(words: Sequence[str]) -> Answer:
@@ -62,6 +65,8 @@ def _forget() -> None:
     """Clear the pool in a forked process: the programs belong to its parent."""
     global _lock
     _lock = Lock()
+    for conversation in [*_idle, *_busy]:
+        conversation.abandon()
     _idle.clear()
     _busy.clear()
 

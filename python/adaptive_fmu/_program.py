@@ -164,10 +164,10 @@ class Conversation:
     def is_alive(self) -> bool:
         return self.process.poll() is None
 
-    def ask(self, words: Sequence[str], progress: Progress | None = None) -> Answer:
+    def ask(self, words: Sequence[str], progress: Progress | None = None, folder: str | None = None) -> Answer:
         """Send one command, as words of the command line, and return its answer."""
         self._request += 1
-        folder = os.getcwd()
+        folder = os.getcwd() if folder is None else folder
         require_unicode(*words, folder)
         self._send({"request": self._request, "arguments": list(words), "folder": folder})
         answer = Answer()
@@ -224,6 +224,13 @@ class Conversation:
             except OSError:
                 pass
         self.process.wait()
+
+    def abandon(self) -> None:
+        """Close the streams in a forked process: the program belongs to the parent, and ends when no process has its input open."""
+        for stream in (self.process.stdin, self.process.stdout):
+            # Not the buffers, which a thread of the parent may have locked.
+            cast("Any", stream).raw.close()
+        self.process.returncode = 0
 
     def _send(self, request: dict[str, Any]) -> None:
         stream = cast("IO[bytes]", self.process.stdin)

@@ -35,10 +35,10 @@ def shown(name: str, wanted: bool | None) -> Iterator[Progress | None]:
 
 @contextmanager
 def counted(name: str, runs: int, wanted: bool | None) -> Iterator[Any]:
-    """Show a bar for many runs; the function that it yields must be called after each run."""
+    """Show a bar for many runs; the function that it yields must be called after each run, or with a number of runs."""
     bar = _bar(name, wanted, total=runs, unit="run", bar_format=None)
     try:
-        yield (lambda: None) if bar is None else bar.update
+        yield (lambda runs=1: None) if bar is None else bar.update
     finally:
         if bar is not None:
             bar.close()

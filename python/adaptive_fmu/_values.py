@@ -28,6 +28,11 @@ def words(option: str, values: Mapping[str, Value]) -> list[str]:
     return [f"{option}={place}={text}" for name, value in values.items() for place, text in elements(name, value)]
 
 
+def texts(values: Mapping[str, Value]) -> dict[str, str]:
+    """Return the text of each element by its name."""
+    return {place: text for name, value in values.items() for place, text in elements(name, value)}
+
+
 def elements(name: str, value: Value) -> Iterator[tuple[str, str]]:
     """Yield the name and text of each element: `x0[1]` and `x0[2]` for `x0` with two numbers, `A[1,1]` … for a matrix."""
     if isinstance(value, str):
