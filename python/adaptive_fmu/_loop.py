@@ -297,6 +297,7 @@ class Loop:
         *,
         metric: str | None = None,
         square: Sequence[str] = (),
+        worst_of: Sequence[PathLike] = (),
         particles: int = 20,
         generations: int = 20,
         seed: int = 1,
@@ -319,6 +320,8 @@ class Loop:
         metric: label of the metric to minimise. It excludes `square`.
         square: terms "WEIGHT SIGNAL - SIGNAL", of whose squares the sum over sampled points is minimised. Default, if neither
             `metric` nor `square` is given: the loop's own objective.
+        worst_of: parameter sets (.ssv), such as corners of the plant: the largest objective of the loop as it is and with each of them is
+            minimised. Default: none.
         particles: number of particles in the swarm. Default: 20.
         generations: number of generations, each with one run per particle. Default: 20.
         seed: seed of the random numbers; the same seed gives the same search. Default: 1.
@@ -348,6 +351,7 @@ class Loop:
             request += [f"--parameter={name}{within}"]
         request += [f"--metric={metric}"] if metric is not None else []
         request += [f"--square={term}" for term in square]
+        request += [f"--worst-of={os.fspath(file)}" for file in worst_of]
         request += [f"--particles={particles}", f"--generations={generations}", f"--seed={seed}"]
         request += ["--separate"] if separate else []
         request += ["--force"] if force else []

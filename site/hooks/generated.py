@@ -95,8 +95,8 @@ def commands(root: Path) -> str:
 
 
 def subcommands(text: str) -> list[str]:
-    lines = text.split("Commands:\n")[1].split("\n\n")[0].splitlines()
-    return [name for line in lines if (name := line.split()[0]) != "help"]
+    """Names of the commands, which stand in groups."""
+    return [name for name in re.findall(r"^  ([a-z]+) {2,}[A-Z]", text, re.M) if name != "help"]
 
 
 def help_of(root: Path, *command: str) -> str:

@@ -39,8 +39,8 @@ def helps() -> Iterator[tuple[str, str]]:
         words = asked.pop()
         text = subprocess.run([PROGRAM, *words, "--help"], capture_output=True, text=True, check=True).stdout
         yield " ".join(words), text
-        listed = re.search(r"^Commands:\n(.*?)\n\n", text, re.S | re.M)
-        names = re.findall(r"^  ([\w-]+)", listed[1], re.M) if listed else []
+        # Commands are listed by groups; options begin with a dash, arguments with a bracket.
+        names = re.findall(r"^  ([a-z][\w-]*) {2,}[A-Z]", text, re.M)
         asked += [[*words, name] for name in names if name != "help"]
 
 

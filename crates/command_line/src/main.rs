@@ -114,7 +114,7 @@ fn main() -> ExitCode {
 
 /// What the words of a command line ask for. A value may be a negative number, whatever option or place it is for.
 fn parsed(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Arguments, clap::Error> {
-    let mut command = taking_negative_numbers(Arguments::command());
+    let mut command = taking_negative_numbers(command::help::arranged(Arguments::command()));
     let mut found = command.try_get_matches_from_mut(words)?;
     Arguments::from_arg_matches_mut(&mut found).map_err(|error| error.format(&mut command))
 }
@@ -220,6 +220,11 @@ mod tests {
         let own = [way, &[command.get_name().to_owned()]].concat();
         let below = command.get_subcommands().flat_map(|command| commands(command, &own)).collect::<Vec<_>>();
         [(own, command.clone())].into_iter().chain(below).collect()
+    }
+
+    #[test]
+    fn each_command_is_in_one_group_of_the_help() {
+        command::help::check(&Arguments::command());
     }
 
     #[test]

@@ -41,6 +41,7 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
         name: Some(name.clone()),
         again: None,
         all: false,
+        variant: None,
         out: Some(arguments.out.clone().unwrap_or_else(|| beside.to_owned())),
         tag: Some(arguments.tag.clone().unwrap_or_else(|| TAG.to_owned())),
         tables,

@@ -12,14 +12,14 @@ const HEADING: &str = "Global options";
 #[derive(clap::Args)]
 pub struct GlobalOptions {
     /// Print only results and errors (no warnings, notes, progress or terminal plots)
-    #[arg(long, short, global = true, conflicts_with = "verbose", help_heading = HEADING)]
+    #[arg(long, short, global = true, hide_short_help = true, conflicts_with = "verbose", help_heading = HEADING)]
     quiet: bool,
     /// Log to stderr how each FMU was found, run and integrated, with the eigenvalue that selected its integration
     /// method
-    #[arg(long, short, global = true, help_heading = HEADING)]
+    #[arg(long, short, global = true, hide_short_help = true, help_heading = HEADING)]
     verbose: bool,
     /// Number of parallel runs or exports [default: number of cores]
-    #[arg(long, global = true, value_name = "N", help_heading = HEADING)]
+    #[arg(long, global = true, hide_short_help = true, value_name = "N", help_heading = HEADING)]
     jobs: Option<NonZeroUsize>,
 }
 

@@ -11,6 +11,7 @@ pub mod explore;
 pub mod export;
 pub mod generate;
 pub mod global;
+pub mod help;
 mod hosting;
 pub mod identify;
 pub mod info;

@@ -41,6 +41,9 @@ pub struct Arguments {
     /// Run all loops of this package and print a table of them
     #[arg(long, conflicts_with_all = ["name", "case", "set", "open"])]
     pub all: bool,
+    /// Structure in an .ssp archive with several of them, NAME.ssd [default: SystemStructure.ssd, or else the only one]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["all", "again"])]
+    pub variant: Option<String>,
     /// Folder for results [default: results]
     #[arg(long)]
     pub out: Option<PathBuf>,
@@ -69,7 +72,7 @@ impl Arguments {
     pub fn with(name: &str, options: &LoopOptions, out: Option<&Path>, tag: Option<String>, json: bool) -> Self {
         let (name, out, options) = (Some(name.to_owned()), out.map(Path::to_owned), options.clone());
         let (tables, open) = (TableOptions::default(), OpenOption::default());
-        Arguments { name, again: None, all: false, out, tag, tables, options, open, json }
+        Arguments { name, again: None, all: false, variant: None, out, tag, tables, options, open, json }
     }
 
     /// Where results go.
@@ -84,6 +87,8 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
         return again::execute(options, folder);
     }
     let Some(name) = &options.name else { return Ok(run_all::execute(options)) };
+    let variant = options.variant.as_ref().map(|variant| format!("{name}/{}.ssd", variant.trim_end_matches(".ssd")));
+    let name = variant.as_ref().unwrap_or(name);
     finish(run(options, name, &Bars::new(options.json))?, options.json, options.open, None)
 }
 

@@ -52,7 +52,7 @@ pub struct Arguments {
     ///
     /// Its first line contains names, of which the first is `time`. The other lines contain numbers, separated by
     /// commas, or by semicolons or tabs, which allow decimal commas. Continuous inputs are interpolated linearly; all other
-    /// inputs use a zero-order hold.
+    /// inputs, and tunable parameters, use a zero-order hold.
     #[arg(long, value_name = "FILE.csv")]
     input: Option<PathBuf>,
     /// Outputs to compare with the columns of these names of --input, which may have further columns

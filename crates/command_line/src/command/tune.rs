@@ -46,6 +46,9 @@ pub struct Arguments {
     /// It must be a multiple of the communication step.
     #[arg(long, value_parser = positive)]
     sample: Option<f64>,
+    /// Minimise the largest objective of the loop as it is and with each of these parameter sets, such as corners of the plant
+    #[arg(long, value_name = "FILE.ssv,…", value_delimiter = ',')]
+    worst_of: Vec<PathBuf>,
     #[command(flatten)]
     swarm: SwarmOptions,
     #[command(flatten)]
@@ -138,7 +141,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         let reason = format!("none of {} runs completed, so there is no best one. The last one: {reason}", ended.runs);
         return Err(Error::Loop { file: task.structure.file.clone(), reason });
     };
-    let again = task.again(&form, &best)?;
+    let again = task.again(&form, (arguments, &files), &best)?;
     let interrupted = ended.interrupted;
     let by = if form.verified.is_some() { "as separate FMUs" } else { "with its own tolerance and method" };
     let again = again.map(|outcome| (by, outcome));
@@ -182,6 +185,35 @@ impl Form {
         // What is of the whole alone, separate units don't know.
         let verified = structure.whole.is_empty().then_some((options, structure));
         Ok(Form { options: as_one, structure: whole, verified })
+    }
+}
+
+/// Searches in the loop with the parameter sets of --worst-of.
+struct Others<'a> {
+    options: &'a LoopOptions,
+    /// The loop as it is searched.
+    structure: Structure,
+    settings: Settings,
+    threads: usize,
+}
+
+impl Others<'_> {
+    fn all(
+        &self,
+        (arguments, files): (&Arguments, &LoopFiles),
+        objective: &Objective,
+        parameters: &[TunedParameter],
+    ) -> Result<Vec<Search>, Error> {
+        let one = |case: &PathBuf| {
+            let mut structure = self.structure.clone();
+            structure.apply_case(case, files)?;
+            let (units, hosting) = (self.options.units(&structure)?, self.options.hosting.hosting()?);
+            let load = |_| units.load(&structure, &hosting);
+            let loops = (0..self.threads).map(load).collect::<Result<_, _>>()?;
+            let wrong = |reason| Error::Loop { file: case.clone(), reason };
+            Search::new(structure.clone(), self.settings, objective.clone(), parameters, loops).map_err(wrong)
+        };
+        arguments.worst_of.iter().map(one).collect()
     }
 }
 
@@ -241,6 +273,8 @@ impl Task {
         }
         let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
         let search = Search::new(structure.clone(), settings, objective.clone(), &parameters, loops).map_err(wrong)?;
+        let of = |structure: Structure| Others { options, structure, settings, threads: 1 + further };
+        let search = search.worst_of(of(structure.clone()).all((arguments, files), &objective, &parameters)?);
         let SwarmOptions { particles, generations, seed, cognitive, social, inertia, decay, velocity_limit } =
             arguments.swarm;
         let question = Question {
@@ -255,6 +289,7 @@ impl Task {
             particles: particles as usize,
             motion: Motion { cognitive, social, inertia, decay, velocity_limit },
             seed,
+            worst_of: arguments.worst_of.iter().map(|file| file.display().to_string()).collect(),
             run: Some(run),
         };
         let structure = structure.clone();
@@ -304,7 +339,7 @@ impl Task {
 
     /// The objective of the best values as `run` would have it: through separate units where the search chose otherwise by
     /// itself; with every run's tolerance and method where others were asked for.
-    fn again(&self, form: &Form, best: &Best) -> Result<Option<Outcome>, Error> {
+    fn again(&self, form: &Form, asked: (&Arguments, &LoopFiles), best: &Best) -> Result<Option<Outcome>, Error> {
         let (options, structure, step) = match &form.verified {
             Some((options, structure)) => (options, structure.clone(), options.settings(structure)?.step),
             None if self.structure.whole.is_empty() => return Ok(None),
@@ -322,8 +357,15 @@ impl Task {
         let parameters: Vec<_> = self.search.ranges().iter().map(named).collect();
         let wrong = |reason| Error::Loop { file: structure.file.clone(), reason };
         let objective = self.question.objective.clone();
-        let search = Search::new(structure.clone(), settings, objective, &parameters, vec![loaded]);
-        let outcomes = search.map_err(wrong)?.run(&[&best.position], &[f64::INFINITY], |_| (), || false);
+        let search =
+            Search::new(structure.clone(), settings, objective.clone(), &parameters, vec![loaded]).map_err(wrong)?;
+        let others = Others { options, structure: structure.clone(), settings, threads: 1 };
+        let outcomes = search.worst_of(others.all(asked, &objective, &parameters)?).run(
+            &[&best.position],
+            &[f64::INFINITY],
+            |_| (),
+            || false,
+        );
         Ok(outcomes.into_iter().next())
     }
 }

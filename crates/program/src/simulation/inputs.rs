@@ -204,9 +204,11 @@ impl Inputs {
     }
 }
 
-/// The inputs of a unit that have numbers.
+/// The variables of a unit that may have values over time, numbers all of them: inputs, and tunable parameters, which hold from row to
+/// row.
 fn of_unit(description: &ModelDescription) -> impl Iterator<Item = &Variable> {
-    description.variables.iter().filter(|v| v.causality == "input" && v.kind != "String")
+    let may_move = |v: &&Variable| v.causality == "input" || v.causality == "parameter" && v.variability == "tunable";
+    description.variables.iter().filter(may_move).filter(|v| v.kind != "String")
 }
 
 /// The values of a column in the unit of a variable.

@@ -41,6 +41,8 @@ pub struct Search {
     places: Vec<Place>,
     /// One a thread: other tools' libraries may not bear two instances at work at a time.
     loops: Vec<LoadedLoop>,
+    /// The same with other parameters of the loop: the largest objective counts.
+    others: Vec<Search>,
 }
 
 /// A run of the loop.
@@ -58,6 +60,15 @@ impl Outcome {
     /// The objective, where there is one.
     pub fn value(&self) -> Option<f64> {
         if let Outcome::Value(value) = self { Some(*value) } else { None }
+    }
+
+    /// The worse of two: an end by the user, a failure, the larger objective.
+    fn or_worse(self, other: Self) -> Self {
+        match (self, other) {
+            (Outcome::Interrupted, _) | (_, Outcome::Interrupted) => Outcome::Interrupted,
+            (Outcome::Failed(reason), _) | (_, Outcome::Failed(reason)) => Outcome::Failed(reason),
+            (Outcome::Value(one), Outcome::Value(other)) => Outcome::Value(one.max(other)),
+        }
     }
 }
 
@@ -87,7 +98,13 @@ impl Search {
         let (ranges, places) = found.into_iter().unzip();
         let closed = first.instantiate(&[]).map_err(|error| error.to_string())?;
         objective.check(&structure, closed.names(), settings)?;
-        Ok(Search { structure, settings, objective, ranges, places, loops })
+        Ok(Search { structure, settings, objective, ranges, places, loops, others: Vec::new() })
+    }
+
+    /// The largest objective of this search and of others, which vary the same parameters in loops with other ones, counts.
+    #[must_use]
+    pub fn worst_of(self, others: Vec<Search>) -> Self {
+        Search { others, ..self }
     }
 
     /// The parameters.
@@ -119,14 +136,33 @@ impl Search {
         done: impl Fn(&Outcome) + Sync,
         is_interrupted: impl Fn() -> bool + Sync,
     ) -> Vec<Outcome> {
+        let mut worst = vec![Outcome::Value(f64::NEG_INFINITY); positions.len()];
+        for search in &self.others {
+            let outcomes = search.run_all(positions, bounds, |_, outcome| outcome, &is_interrupted);
+            worst = worst.into_iter().zip(outcomes).map(|(one, other)| one.or_worse(other)).collect();
+        }
+        let told = |k: usize, outcome: Outcome| {
+            let outcome = worst[k].clone().or_worse(outcome);
+            done(&outcome);
+            outcome
+        };
+        self.run_all(positions, bounds, told, &is_interrupted)
+    }
+
+    /// Runs this loop with each of the positions; what becomes of an outcome is decided on its thread.
+    fn run_all(
+        &self,
+        positions: &[&[f64]],
+        bounds: &[f64],
+        decided: impl Fn(usize, Outcome) -> Outcome + Sync,
+        is_interrupted: &(impl Fn() -> bool + Sync),
+    ) -> Vec<Outcome> {
         assert_eq!(bounds.len(), positions.len());
         parallel::each(&self.loops, positions.len(), |loaded, k| {
             if is_interrupted() {
                 return Outcome::Interrupted;
             }
-            let outcome = self.run_one(loaded, (positions[k], bounds[k]), &is_interrupted);
-            done(&outcome);
-            outcome
+            decided(k, self.run_one(loaded, (positions[k], bounds[k]), is_interrupted))
         })
     }
 

@@ -38,6 +38,9 @@ pub struct Question {
     pub motion: Motion,
     /// Which random numbers it takes.
     pub seed: u64,
+    /// Parameter sets with which the objective counts, too.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub worst_of: Vec<String>,
     /// What its runs are made of: versions, the loop's files, its units. An earlier version of this package noted none.
     pub run: Option<Provenance>,
 }

@@ -36,6 +36,34 @@ pub fn is_inside(path: &str) -> bool {
         && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
 }
 
+/// The structures of an unpacked archive.
+fn structures(folder: &Path) -> Result<Vec<String>, Error> {
+    let entries = std::fs::read_dir(folder).map_err(Error::file(folder))?;
+    let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<_> = names.filter(|name| name.ends_with(".ssd")).collect();
+    names.sort();
+    Ok(names)
+}
+
+/// The structure of an archive that is taken unless one is named: SystemStructure.ssd, or else the only one.
+fn only_structure(archive: &Path, folder: &Path) -> Result<String, Error> {
+    let known = structures(folder)?;
+    match &known[..] {
+        [only] => Ok(only.clone()),
+        [] => Ok(STRUCTURE.to_owned()),
+        _ if known.iter().any(|name| name == STRUCTURE) => Ok(STRUCTURE.to_owned()),
+        _ => {
+            let reason = format!(
+                "has no {STRUCTURE}, but several variants: {}. Name one of them: {}/{}, or --variant of `run`",
+                known.join(", "),
+                archive.display(),
+                known[0]
+            );
+            Err(Error::Loop { file: archive.to_owned(), reason })
+        }
+    }
+}
+
 /// Why a name is that of no loop: it is that of an FMU, or of nothing.
 fn no_loop(name: &str, extension: Option<&str>) -> Error {
     let kind = match extension {
@@ -66,7 +94,18 @@ impl LoopFiles {
         }
         let path = PathBuf::from(name);
         let extension = path.extension().and_then(|extension| extension.to_str());
-        let (shown, place, structure) = if path.is_dir() {
+        let archive =
+            path.parent().filter(|parent| parent.extension().is_some_and(|end| end == "ssp") && parent.is_file());
+        let (shown, place, structure) = if let Some(archive) = archive {
+            let folder = Scratch::new()?;
+            exporter::unpack(archive, folder.path())?;
+            let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let known = structures(folder.path())?;
+            if !known.contains(&file) {
+                return Err(Error::unknown("variant", &file, known, ""));
+            }
+            (archive.to_owned(), Place::Unpacked(folder), file)
+        } else if path.is_dir() {
             (path.clone(), Place::Folder(path), STRUCTURE.to_owned())
         } else if extension == Some("ssd") {
             let folder = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -75,7 +114,8 @@ impl LoopFiles {
         } else if extension == Some("ssp") {
             let folder = Scratch::new()?;
             exporter::unpack(&path, folder.path())?;
-            (path, Place::Unpacked(folder), STRUCTURE.to_owned())
+            let structure = only_structure(&path, folder.path())?;
+            (path, Place::Unpacked(folder), structure)
         } else {
             return Err(no_loop(name, extension));
         };
@@ -109,6 +149,11 @@ impl LoopFiles {
 
     pub(in crate::structure) fn structure_file(&self) -> PathBuf {
         self.path(&self.structure)
+    }
+
+    /// The structure that was chosen because an archive has no other one under the usual name.
+    pub(super) fn chosen(&self) -> Option<&str> {
+        Some(self.structure.as_str()).filter(|name| matches!(self.place, Place::Unpacked(_)) && *name != STRUCTURE)
     }
 
     pub(in crate::structure) fn structure_text(&self) -> Result<String, Error> {

@@ -82,7 +82,7 @@ impl Reader<'_> {
             expected_failure: read("ExpectedFailure").next().map(|node| self.expected_failure(node)).transpose()?,
             tuning: read("Tuning").next().map(|node| self.tuning(node)).transpose()?,
             events: read("Event").map(|node| self.event(node)).collect::<Result<_, _>>()?,
-            notes: Vec::new(),
+            notes: files.chosen().map(|name| format!("the structure of the archive is {name}")).into_iter().collect(),
         };
         structure.stop_time = number("stopTime")?.unwrap_or_else(|| structure.proposed_stop_time());
         // The system's values come last: they prevail over those of its components.
