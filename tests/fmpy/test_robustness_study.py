@@ -78,7 +78,8 @@ def test_the_study_runs_on_dask_and_continues(scheduler: str, tmp_path: Path) ->
     """By its command, the same to the bit as in this process; with more loops, and without what a crash cut off."""
     for loops in (4, 8):
         words = ["--loops", str(loops), "--scheduler", scheduler, "--out", str(tmp_path / "out")]
-        done = subprocess.run([sys.executable, STUDY / "study.py", *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        command = [sys.executable, STUDY / "study.py", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
         assert done.returncode == 0, done.stderr
         expected = study.study(loops, SEED, None)
         found = pd.read_csv(tmp_path / "out" / "results.csv", index_col="loop", keep_default_na=False)
