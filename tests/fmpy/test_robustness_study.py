@@ -70,7 +70,7 @@ def test_a_loop_of_the_study_is_the_one_that_fmpy_runs(unit: Callable, k: int) -
 
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         yield cluster.scheduler_address
 
 
@@ -99,7 +99,7 @@ def test_the_first_loops_end_as_those_of_the_figure() -> None:
 
 @pytest.mark.slow
 def test_the_readme_and_the_figure_are_those_of_the_study(tmp_path: Path) -> None:
-    with Client(n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
+    with Client(n_workers=2, threads_per_worker=1, dashboard_address=":0") as client:
         table = study.study(1000, SEED, client)
     page = " ".join((STUDY / "README.md").read_text().split())
     failed = int(table["failed"].sum())
