@@ -14,6 +14,7 @@ from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, as_co
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,8 @@ from ._worker import Files, Task, forget, perform, same, version
 
 #: Number of times that Dask repeats a run whose program was ended.
 RETRIES = 2
+#: Longest time to wait until workers have removed files, s.
+PATIENCE = 5.0
 
 Submit = Callable[..., "Future[Answer]"]
 
@@ -161,8 +164,8 @@ class Study:
         try:
             yield lambda place: executor.submit(perform, Task(self._request(place), None, self.keep, of), sent, pure=False)
         finally:
-            with suppress(Exception):
-                client.run(forget, files.study)
+            if sent is not None:
+                _forget(client, files.study)
 
     def _request(self, place: int) -> list[str]:
         return [*self.fixed, *words("--set", self.points[place]), "--", self.loop]
@@ -209,8 +212,21 @@ def is_of_dask(executor: Any) -> bool:
     return any(of.__module__.partition(".")[0] == "distributed" for of in type(executor).__mro__)
 
 
+def _forget(client: Any, study: str) -> None:
+    """Remove the files of a study from all workers, without waiting for machines that no longer answer."""
+
+    def run() -> None:
+        with suppress(Exception):
+            client.run(forget, study)
+
+    thread = Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(PATIENCE)
+
+
 def _reason(error: BaseException) -> str:
-    shown = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    # Messages of loky have several paragraphs.
+    shown = ": ".join([type(error).__name__, *str(error).splitlines()[:1]])
     if isinstance(error, BrokenExecutor):
         return f"A worker process ended, so that a new executor is needed ({shown}),"
     return f"The executor failed ({shown})"

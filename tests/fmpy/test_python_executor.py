@@ -161,7 +161,7 @@ def test_workers_of_dask_get_the_files(own: adaptive_fmu.Loop, client: Client, t
 
 #: Runs that take a tenth of a second and more each.
 MANY = {"plant.x0[1]": [k * 1e-3 for k in range(40)]}
-LONG = {"until": 40}
+LONG = {"until": 30}
 
 
 @pytest.fixture(scope="module")
@@ -329,6 +329,17 @@ def test_runs_are_counted_as_they_come(monkeypatch: pytest.MonkeyPatch, tmp_path
         adaptive_fmu.Loop(LOOP).sweep(POINTS, until=0.1, progress=True, executor=pool)
         adaptive_fmu.Loop(LOOP).sweep(POINTS, until=0.1, progress=True, out=tmp_path, executor=pool)
     assert counts == [0, 1, 1, 1, 1, 1] * 2 + [5]
+
+
+def test_a_machine_that_no_longer_answers_does_not_stop_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Silent:
+        def run(self, *_: object) -> None:
+            time.sleep(15)
+
+    monkeypatch.setattr(_study, "PATIENCE", 0.1)
+    begun = time.monotonic()
+    _study._forget(Silent(), "study")
+    assert time.monotonic() - begun < 10
 
 
 FORKED = f"""

@@ -27,7 +27,7 @@ RUN_ELSEWHERE = {
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }
 # A script that needs one of these is skipped where it isn't installed.
-EXTRAS = {"control", "ecospy", "gymnasium", "matplotlib"}
+EXTRAS = {"control", "dask", "ecospy", "gymnasium", "matplotlib"}
 # Programs that lie beside the interpreter that runs the tests.
 BESIDE_PYTHON = {"python", "fmpy"}
 # What pages read of the source folder, and of what was built there.

@@ -1,23 +1,16 @@
-"""The study of the robot's robustness: what it computes, and that no result of it is lost, whatever is interrupted."""
+"""The study of the robot's robustness: its loops are those that FMPy runs, its samples and intervals are right, and it continues."""
 
-import csv
-import json
-import os
-import shutil
-import signal
+import re
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
-import fmpy
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import ROOT
-from dask.distributed import Client
+from dask.distributed import Client, LocalCluster
 from scipy.stats import binomtest
 
 STUDY = ROOT / "examples" / "robustness_dask"
@@ -25,212 +18,141 @@ sys.path.insert(0, str(STUDY))
 # Cargo watches that folder: compiled Python in it would have it build the program again.
 sys.dont_write_bytecode = True
 
-import figure  # noqa: E402
-import loop  # noqa: E402
 import study  # noqa: E402
 
-# A seed whose loops take little time; one of them fails.
-SEED, LOOPS = 16, 6
+SEED = 1
+#: In the order of stepping: each FMU, and what it is given before a step: source, outputs, inputs.
+UNITS = {
+    "reference": ("ReferenceTwoLinkRobot", []),
+    "plant": ("TwoLinkRobot", [("actuator", "y[1] y[2]", "u[1] u[2]")]),
+    "sensor": ("SensorTwoLinkRobot", [("plant", "x[1] x[2] x[3] x[4]", "u[1] u[2] u[3] u[4]")]),
+    "controller": (
+        "L1TwoLinkRobot",
+        [("reference", "r[1] r[2]", "r[1] r[2]"), ("sensor", "y[1] y[2] y[3] y[4]", "x[1] x[2] x[3] x[4]")],
+    ),
+    "actuator": ("ActuatorTwoLinkRobot", [("controller", "u[1] u[2]", "u[1] u[2]")]),
+}
+POLES = ((-30.0, 0.5), (-30.0, -0.5), (-40.0, 0.5), (-40.0, -0.5))
 
 
-def words(out: Path, *options: str | Path | int) -> list[str]:
-    """What a user writes behind the name of the study."""
-    return list(map(str, ("--out", out, "--seed", SEED, *options)))
+def errors_by_fmpy(unit: Callable, values: dict[str, float], step: float) -> np.ndarray:
+    """Rms errors of both joints from 5 s on."""
+    units = {name: unit(fmu) for name, (fmu, _) in UNITS.items()}
+    for i, (real, imaginary) in enumerate(POLES, 1):
+        units["controller"][f"pole_real[{i}]"], units["controller"][f"pole_imag[{i}]"] = real, imaginary
+    for name, value in values.items():
+        of, variable = name.split(".")
+        units[of][variable] = value
+    for one in units.values():
+        one.start(stop=study.STOP)
+    errors = []
+    for k in range(round(study.STOP / step)):
+        for name, (_, wires) in UNITS.items():
+            for source, outputs, inputs in wires:
+                values_there = units[source].slave.getReal([units[source].reference(output) for output in outputs.split()])
+                units[name].slave.setReal([units[name].reference(input) for input in inputs.split()], values_there)
+            units[name].step(k * step, step)
+        errors.append([units["reference"][f"r[{i}]"] - units["plant"][f"y[{i}]"] for i in study.JOINTS])
+    later = np.array(errors)[round(5.0 / step) - 1 :]
+    return np.sqrt((later**2).mean(axis=0))
 
 
-def run(out: Path, *options: str | Path | int) -> subprocess.CompletedProcess[str]:
-    """Runs the study as a user does."""
-    command = [sys.executable, str(STUDY / "study.py"), *words(out, *options)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=300, check=False)
-
-
-def rows(out: Path) -> list[dict[str, str]]:
-    """The results in the order in which they came."""
-    with (out / "results.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-@pytest.fixture(scope="module")
-def unpacked(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, loop.Fmu]:
-    """The FMUs of the study, in this process."""
-    folder, loading = tmp_path_factory.mktemp("unpacked"), threading.Lock()
-    for name in loop.FMUS:
-        fmpy.extract(str(fmu_folder / f"{name}.fmu"), str(folder / name))
-    return {name: loop.Fmu(folder / name, loading) for name in loop.FMUS}
-
-
-@pytest.fixture(scope="module")
-def in_a_row(unpacked: dict[str, loop.Fmu]) -> list[dict[str, str]]:
-    """The loops one after the other in this process, as they would stand in the results."""
-    samples = [loop.sample(SEED, k) for k in range(LOOPS)]
-    found = [{"loop": k, **loop.run(unpacked, sample), **sample} for k, sample in enumerate(samples)]
-    return [{name: str(value) for name, value in row.items()} for row in found]
-
-
-def same(found: list[dict[str, str]], expected: list[dict[str, str]]) -> bool:
-    """Whether each loop is there exactly once, with the same result to the last bit."""
-    found = [{name: value for name, value in row.items() if value} for row in found]
-    return sorted(found, key=lambda row: int(row["loop"])) == expected
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
-    """A scheduler and two workers as on machines of their own, which know nothing of this repository."""
-    folder = tmp_path_factory.mktemp("cluster")
-    file = folder / "scheduler.json"
-    dask = [sys.executable, "-m", "dask"]
-    scheduler = [*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", file, "--no-dashboard"]
-    workers = [*dask, "worker", "--scheduler-file", file, "--nworkers", "2", "--nthreads", "1", "--no-dashboard"]
-    log = (folder / "log").open("w")
-    commands = (list(map(str, command)) for command in (scheduler, workers))
-    started = [subprocess.Popen(command, cwd=folder, stdout=log, stderr=log) for command in commands]
-    try:
-        wait_for(file.exists)
-        address = json.loads(file.read_text())["address"]
-        with Client(address, timeout=60) as client:
-            client.wait_for_workers(2, timeout=120)
-            yield SimpleNamespace(address=address, processes=lambda: set(client.run(os.getpid).values()))
-    finally:
-        for process in reversed(started):
-            process.terminate()
-            process.wait(timeout=20)
-        log.close()
-
-
-def wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
+@pytest.mark.parametrize("k", [10, 19])
+def test_a_loop_of_the_study_is_the_one_that_fmpy_runs(unit: Callable, k: int) -> None:
+    """The one passes, the other fails; both have the longest step."""
+    table = study.study(k + 1, SEED, None)
+    sample = study.sample(SEED, k)
+    assert sample["step (s)"] == 0.005 and bool(table["failed"][k]) is (k == 19)
+    values = {name: of.item() for name, of in study.points(pd.DataFrame([sample])).items()}
+    found = errors_by_fmpy(unit, values, sample["step (s)"])
+    assert table.loc[k, [f"rms e_{i}, t >= 5 s" for i in study.JOINTS]].to_numpy(float) == pytest.approx(found, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
-def finished(
-    cluster: SimpleNamespace, fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, subprocess.CompletedProcess[str], int]:
-    """A study on that cluster, of which a worker is killed when there is a first result; the process killed."""
-    killed = min(cluster.processes())
-    out, done = tmp_path_factory.mktemp("study") / "out", []
-    options = ("--scheduler", cluster.address, "--loops", LOOPS, "--fmus", fmu_folder)
-    running = threading.Thread(target=lambda: done.append(run(out, *options)))
-    running.start()
-    wait_for(lambda: (out / "results.csv").exists() and rows(out))
-    os.kill(killed, signal.SIGKILL)
-    assert len(rows(out)) < LOOPS, "it was in the midst of it"
-    running.join()
-    return out, done[0], killed
+def scheduler() -> Iterator[str]:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        yield cluster.scheduler_address
 
 
-def test_a_lost_worker_loses_no_result(finished, cluster: SimpleNamespace, in_a_row: list[dict[str, str]]) -> None:
-    out, done, killed = finished
-    assert done.returncode == 0, done.stderr
-    assert killed not in cluster.processes()
-    assert same(rows(out), in_a_row)
+def test_the_study_runs_on_dask_and_continues(scheduler: str, tmp_path: Path) -> None:
+    """By its command, the same to the bit as in this process; with more loops, and without what a crash cut off."""
+    for loops in (4, 8):
+        words = ["--loops", str(loops), "--scheduler", scheduler, "--out", str(tmp_path / "out")]
+        command = [sys.executable, STUDY / "study.py", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        expected = study.study(loops, SEED, None)
+        found = pd.read_csv(tmp_path / "out" / "results.csv", index_col="loop", keep_default_na=False)
+        pd.testing.assert_frame_equal(found, expected, check_exact=True, check_names=False, check_dtype=False)
+        assert f"failed: {expected['failed'].sum()} of {loops}" in (tmp_path / "out" / "summary.txt").read_text()
+        stored = sorted((tmp_path / "out").glob("step_*/runs.jsonl"))
+        assert sum(len(file.read_text().splitlines()) for file in stored) == loops
+        stored[-1].write_bytes(stored[-1].read_bytes()[:-20])
+    assert "failure rate of 8 loops" in (tmp_path / "out" / "failure_rate.svg").read_text()
+    assert not list(STUDY.glob("**/*.pyc"))
 
 
-def test_the_study_tells_how_far_it_is_and_leaves_a_table_and_a_picture(finished) -> None:
-    out, done, _ = finished
-    failed = sum(row["outcome"] != loop.HELD for row in rows(out))
-    assert f"{LOOPS} of {LOOPS} loops, {failed} failed" in done.stdout
-    assert f"failed: {failed} of {LOOPS}" in (out / "summary.txt").read_text()
-    assert (out / "failure_rate.svg").read_text().count("failure rate") and (out / "failure_rate.png").exists()
+def test_the_first_loops_end_as_those_of_the_figure() -> None:
+    table = study.study(40, SEED, None)
+    assert table.index[table["failed"]].tolist() == [6, 19, 26, 30]
 
 
-def test_an_interrupted_study_goes_on_where_it_was(
-    finished, fmu_folder: Path, in_a_row: list[dict[str, str]], tmp_path: Path
-) -> None:
-    # The last line was being written when the power went.
-    shutil.copytree(finished[0], tmp_path / "out")
-    file = tmp_path / "out" / "results.csv"
-    file.write_bytes(file.read_bytes()[:-20])
-    done = run(tmp_path / "out", "--loops", LOOPS, "--workers", 1, "--fmus", fmu_folder)
-    assert done.returncode == 0, done.stderr
-    assert f"{LOOPS - 1} loops are in" in done.stdout and "1 are to be run" in done.stdout
-    assert same(rows(tmp_path / "out"), in_a_row)
+@pytest.mark.slow
+def test_the_readme_and_the_figure_are_those_of_the_study(tmp_path: Path) -> None:
+    with Client(n_workers=2, threads_per_worker=1, dashboard_address=":0") as client:
+        table = study.study(1000, SEED, client)
+    page = " ".join((STUDY / "README.md").read_text().split())
+    failed = int(table["failed"].sum())
+    low, high = study.interval(failed, 1000)
+    assert f"{failed} fail, {failed / 10:.1f} % ({100 * low:.1f} to {100 * high:.1f} %, with 95 % confidence)" in page
+    errors = table[[f"rms e_{i}, t >= 5 s" for i in study.JOINTS]].max(axis=1)
+    assert f"rms error of a joint is {errors.max():.3f} rad, the limit 0.05 rad, the median {errors.median():.3f} rad" in page
+    parts = study.rates(table)
+    study.picture(parts, failed / 1000, 1000, tmp_path / "figure.svg")
+    drawn, shown = ((folder / name).read_text() for folder, name in ((tmp_path, "figure.svg"), (STUDY, "failure_rate.svg")))
+    paths = [re.findall(r' d="([^"]*)"', text) for text in (drawn, shown)]
+    assert paths[0] == paths[1]
+    for name, told in {
+        "rate_noise (rad/s)": "{:.0f} % ({:.0f} to {:.0f}) fail in the highest fifth of its range",
+        "drive_lag (s)": "{:.0f} % ({:.0f} to {:.0f}) fail with time constants above 6.3 ms",
+        "adaptation_gain (1)": "{:.0f} % ({:.0f} to {:.0f}) fail in the highest fifth",
+        "step (s)": "{:.0f} % ({:.0f} to {:.0f}) fail at 5 ms",
+    }.items():
+        last = parts[parts["quantity"] == name].iloc[-1]
+        assert told.format(100 * last["failed"] / last["loops"], 100 * last["low"], 100 * last["high"]) in page, name
 
 
-def test_a_study_that_is_done_runs_nothing(finished, fmu_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = (finished[0] / "results.csv").read_bytes()
-    missing = ("--scheduler", "tcp://127.0.0.1:9")
-    assert study.main(words(finished[0], "--loops", LOOPS, "--fmus", fmu_folder, *missing)) == 0
-    assert "0 are to be run" in capsys.readouterr().out
-    assert (finished[0] / "results.csv").read_bytes() == before
-
-
-def copied(fmus: Path, folder: Path) -> None:
-    """Copies the FMUs, with an actuator under the sensor's name, which lacks the variables of that."""
-    folder.mkdir()
-    for name in loop.FMUS:
-        shutil.copy(fmus / f"{name.replace('Sensor', 'Actuator')}.fmu", folder / f"{name}.fmu")
-
-
-@pytest.fixture
-def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """The line by which a study is refused."""
-
-    def get(out: Path, *options: str | Path | int) -> str:
-        assert study.main(words(out, *options)) == 1
-        return capsys.readouterr().err
-
-    return get
-
-
-def test_results_of_another_set_up_are_not_mixed(finished, refused, fmu_folder: Path, tmp_path: Path) -> None:
-    out = finished[0]
-    before = (out / "results.csv").read_bytes()
-    copied(fmu_folder, tmp_path / "fmus")
-    assert "another set-up (seed)" in refused(out, "--fmus", fmu_folder, "--seed", SEED + 1)
-    assert "another set-up (SensorTwoLinkRobot)" in refused(out, "--fmus", tmp_path / "fmus")
-    assert (out / "results.csv").read_bytes() == before
-
-
-def test_missing_fmus_and_a_missing_scheduler_are_told(refused, fmu_folder: Path, tmp_path: Path) -> None:
-    assert "ReferenceTwoLinkRobot.fmu: No such file" in refused(tmp_path / "out", "--fmus", tmp_path)
-    missing = "tcp://127.0.0.1:9"
-    assert f"no scheduler at {missing}" in refused(tmp_path / "out", "--fmus", fmu_folder, "--scheduler", missing)
-
-
-def test_an_exception_in_a_loop_is_a_result_with_its_message(fmu_folder: Path, cluster, tmp_path: Path) -> None:
-    copied(fmu_folder, tmp_path / "fmus")
-    options = ("--loops", 2, "--scheduler", cluster.address, "--fmus", tmp_path / "fmus")
-    for again in ([], ["--again"]):
-        done = run(tmp_path / "out", *options, *again)
-        assert done.returncode == 1 and "2 are to be run" in done.stdout, done
-        found = rows(tmp_path / "out")
-        assert [row["outcome"] for row in found] == [loop.EXCEPTION] * 2
-        assert all(row["message"].startswith("KeyError: ") for row in found)
-    assert "failed: 0 of 0" in done.stdout
-
-
-def test_a_unit_that_refuses_its_values_is_a_failure_with_its_reason(unpacked: dict[str, loop.Fmu]) -> None:
-    failed = loop.run(unpacked, loop.design() | {"m1": -1.0})
-    assert failed["outcome"] == loop.UNIT_FAILED and "m1" in failed["message"]
-
-
-def test_the_loop_as_designed_is_the_one_that_the_program_runs(unpacked: dict[str, loop.Fmu], ran) -> None:
-    _, recorded = ran("3.3.1-case2-bench", "--until", loop.STOP)
-    found = loop.run(unpacked, loop.design())
-    judged = recorded["time"] > loop.JUDGED_FROM - 1e-9
-    for i in loop.JOINTS:
-        error = (recorded[f"reference.r[{i}]"] - recorded[f"plant.y[{i}]"])[judged]
-        assert found[f"rms_e{i}"] == pytest.approx(np.sqrt((error**2).mean()), rel=1e-4)
-        assert found[f"max_u{i}"] == pytest.approx(np.abs(recorded[f"actuator.y[{i}]"]).max(), rel=1e-4)
-
-
-def test_samples_depend_on_seed_and_number_alone_and_fill_their_ranges() -> None:
-    assert loop.sample(SEED, 5) == loop.sample(SEED, 5) != loop.sample(SEED + 1, 5)
-    samples = [loop.sample(SEED, k) for k in range(1000)]
-    for quantity in loop.QUANTITIES:
-        values = np.array([sample[quantity.name] for sample in samples])
-        assert quantity.low <= values.min() and values.max() <= quantity.high
+def test_samples_depend_on_seed_and_number_only_and_fill_their_ranges() -> None:
+    assert study.sample(SEED, 5) == study.sample(SEED, 5) != study.sample(SEED + 1, 5)
+    samples = pd.DataFrame([study.sample(SEED, k) for k in range(1000)])
+    for name, low, high, how, _ in study.QUANTITIES:
+        assert low <= samples[name].min() and samples[name].max() <= high
         # Each tenth of the samples up to where a tenth should be, within five standard deviations.
-        for tenth in () if quantity.choices else range(1, 10):
-            assert abs((values < quantity.at(tenth / 10)).mean() - tenth / 10) < 5 * np.sqrt(0.25 / len(values))
-        for choice in quantity.choices:
-            assert abs((values == choice).mean() - 1 / len(quantity.choices)) < 5 * np.sqrt(0.25 / len(values))
+        for tenth in () if isinstance(how, list) else range(1, 10):
+            part = (samples[name] < study.value(tenth / 10, low, high, how)).mean()
+            assert abs(part - tenth / 10) < 5 * np.sqrt(0.25 / len(samples))
+        for choice in how if isinstance(how, list) else ():
+            assert abs((samples[name] == choice).mean() - 1 / len(how)) < 5 * np.sqrt(0.25 / len(samples))
+
+
+def test_limits_of_the_drives_and_of_their_model_are_symmetric() -> None:
+    values = study.points(pd.DataFrame([study.sample(SEED, k) for k in range(5)]))
+    limits = [f"{unit}.u_max[{i}]" for unit in ("controller", "actuator") for i in study.JOINTS]
+    for name in limits:
+        assert values[name].equals(values[limits[0]]) and values[name.replace("max", "min")].equals(-values[name])
 
 
 @pytest.mark.parametrize(("failed", "count"), [(0, 10), (3, 10), (10, 10), (147, 1000)])
 def test_intervals_are_those_of_wilson(failed: int, count: int) -> None:
     expected = binomtest(failed, count).proportion_ci(0.95, method="wilson")
-    assert figure.interval(failed, count) == pytest.approx((expected.low, expected.high), abs=1e-4)
+    assert study.interval(failed, count) == pytest.approx((expected.low, expected.high), abs=1e-4)
+
+
+def test_rates_are_those_of_each_part() -> None:
+    """Of a table in which a quantity decides."""
+    table = pd.DataFrame([study.sample(SEED, k) for k in range(200)])
+    table["failed"] = table["rate_noise (rad/s)"] > study.value(0.8, 1e-3, 1e-1, True)
+    rates = study.rates(table)
+    assert rates.groupby("quantity")["loops"].sum().eq(200).all() and rates.groupby("quantity")["failed"].sum().nunique() == 1
+    noise = rates[rates["quantity"] == "rate_noise (rad/s)"]
+    assert (noise["failed"].to_numpy()[:4] == 0).all() and noise["failed"].iloc[4] == noise["loops"].iloc[4] > 0
