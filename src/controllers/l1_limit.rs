@@ -80,7 +80,8 @@ pub struct L1Limit {
     /// T_f, where η_2 shows in u_ad at once.
     T_f: Option<ScalarOf<Parameter>>,
     u_ad_start: ChoiceOf<Parameter, LinearStart>,
-    cancellation: Option<Cancellation>,
+    /// In a box: compiled code may read within what isn't there, in vain, but for checkers of memory.
+    cancellation: Option<Box<Cancellation>>,
     K_g: MatrixOf<Prepared>,
     settling_time: ScalarOf<Prepared>,
     /// L of the parameters, and the one in force.
@@ -143,9 +144,9 @@ impl System for L1Limit {
         let (angles, turning) = structure.angles(&plant, &units.x)?;
         turning::require_moving(&turning)?;
         let dynamics = Dynamics::declare(d, &plant, &structure);
-        let cancellation = if k > 0 { Some(Cancellation::declare(d, &plant, &filter)?) } else { None };
+        let cancellation = if k > 0 { Some(Box::new(Cancellation::declare(d, &plant, &filter)?)) } else { None };
         let is_direct = cancellation.as_ref().is_some_and(|cancellation| cancellation.direct.is_some());
-        let zeros = cancellation.as_ref().and_then(Cancellation::order).unwrap_or(0);
+        let zeros = cancellation.as_ref().and_then(|cancellation| cancellation.order()).unwrap_or(0);
         let order = m * filter.order() + zeros + if is_direct { k } else { 0 };
         d.without_effect(OF_ADAPTATION);
         let Symbols { r, x, u, command, inertia, of_r, of_x, of_u } = &units;
@@ -315,7 +316,7 @@ impl L1Limit {
 
     /// Number of states of H_m⁻¹ H_um.
     fn zeros(&self) -> usize {
-        self.cancellation.as_ref().and_then(Cancellation::order).unwrap_or(0)
+        self.cancellation.as_ref().and_then(|cancellation| cancellation.order()).unwrap_or(0)
     }
 
     /// Where h begins among the states, η_2 as it is differentiated; nothing where that isn't needed.

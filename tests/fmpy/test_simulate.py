@@ -100,7 +100,7 @@ def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
     for text, parts in [
         ("", ["line 1", "names"]),
         ("hours,u[1]\n0,1\n", ["line 1", "`time`"]),
-        ("time [ms],u[1]\n0,1\n", ["line 1", "in s"]),
+        ("time [days],u[1]\n0,1\n", ["line 1", "in days", "in s, ms, us, min or h"]),
         ("time,u[1] [V]\n0,1\n", ["line 1", "u[1] is in V: must be in"]),
         ("time,speed\n0,1\n", ["line 1", "`speed`", "u[1]"]),
         ("time,u[1]\n", ["line 2", "at least one line of values"]),
