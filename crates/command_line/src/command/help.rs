@@ -101,6 +101,9 @@ fn groups(command: &clap::Command) -> String {
 }
 
 #[cfg(test)]
+pub use tests::check;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -120,6 +123,3 @@ mod tests {
         }
     }
 }
-
-#[cfg(test)]
-pub use tests::check;

@@ -219,6 +219,6 @@ impl Units {
                 LoadedLoop::whole(&structure.name, Arc::clone(fmu), values, notes.clone())?
             }
         };
-        Ok(loaded.recording(structure.signals()).with_events(&structure.events)?)
+        loaded.recording(structure.signals()).with_events(&structure.events)
     }
 }
