@@ -14,8 +14,8 @@ ROBOT = ["--fmu", "TwoLinkRobot", "--inputs", "u[1],u[2]", "--outputs", "x[1],x[
 
 
 def robot_record(folder: Path, rng: np.random.Generator, robot: Robot, *, rows: int = 250, step: float = 0.04) -> None:
-    """Angles with noise of a robot that hangs, under torques that are constant from row to row."""
-    levels = np.repeat(rng.uniform(-6, 6, (rows, 2)), rng.integers(2, 20, rows), axis=0)[:rows]
+    """Angles with noise of a robot that hangs, under torques that are constant from row to row, and too small to turn it over."""
+    levels = np.repeat(rng.uniform(-3, 3, (rows, 2)), rng.integers(2, 20, rows), axis=0)[:rows]
     times = step * np.arange(rows)
     x = np.zeros((rows, 4))
     x[0, 0] = -1.5
