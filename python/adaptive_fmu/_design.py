@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from ._errors import Error
+from ._errors import ArgumentError, Error
 from ._identify import Identified, identify
 from ._loop import Loop
-from ._plant import plant_file
+from ._plant import is_record, plant_file
 from ._pool import done
 from ._units import export
 from ._values import PathLike, Value, number, numbers, shown, trim
@@ -175,6 +175,10 @@ def design(
     identified = None
     if states is not None:
         identified = plant = identify(plant, inputs, states)
+    elif is_record(plant):
+        raise ArgumentError(
+            "plant is a record: give the names of its columns that are states as `states`, of its inputs as `inputs`"
+        )
     folder = Path(out)
     request = [
         "design",

@@ -29,6 +29,7 @@ class Drafted:
         self.folder: str = tempfile.mkdtemp(prefix="adaptive_fmu_loop_")
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
         self.components = components
+        self.name = name
         self._words = [f"--name={name}", *(f"--units={component_text(each)}" for each in components)]
         self._words += [f"--connect={to}={source}" for to, source in connections.items()]
         for option, value in (("--step", step), ("--until", until)):

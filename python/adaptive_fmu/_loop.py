@@ -222,8 +222,13 @@ class Loop:
             found += [f"{option}={os.fspath(text)}"] if text is not None else []
         return [*found, "--composite"] if composite else found
 
+    @property
+    def _shown(self) -> str:
+        """Name in progress bars and tables."""
+        return self.name if self._drafted is None else self._drafted.name
+
     def _run(self, request: Sequence[str], progress: bool | None) -> Result:
-        with shown(self.name, progress) as show:
+        with shown(self._shown, progress) as show:
             answer = _pool.ask(request, show)
         try:
             self.last = result_of(answer)
@@ -284,7 +289,7 @@ class Loop:
         fixed = ["run", *self._words(until, step, order, composite, cases, None), "--json", *words("--set", together)]
         fixed += event_words(events)
         names, points = combined(over)
-        study = Study(self.name, names, points, fixed, cases, keep)
+        study = Study(self.name, self._shown, names, points, fixed, cases, keep)
         if out is not None:
             times = {name: None if time is None else float(time) for name, time in (("until", until), ("step", step))}
             further = {"order": order, "composite": composite, "values": texts(together), "events": event_words(events)}
@@ -356,7 +361,7 @@ class Loop:
         request += ["--separate"] if separate else []
         request += ["--force"] if force else []
         request += [f"--tag={tag}"] if tag is not None else []
-        with tempfile.TemporaryDirectory() as folder, shown(self.name, progress) as show:
+        with tempfile.TemporaryDirectory() as folder, shown(self._shown, progress) as show:
             request += [f"--out={os.fspath(folder if out is None else out)}", *self._named]
             answer = _pool.ask(request, show)
             if (answer.code != INTERRUPTED or not answer.text) and (failure := answer.failure()):

@@ -37,6 +37,15 @@ def plant_file(plant: Any) -> Iterator[str]:
             yield os.fspath(file)
 
 
+def is_record(plant: Any) -> bool:
+    """True for a table of signals over time, or a file of one, or several of them."""
+    if isinstance(plant, (list, tuple)):
+        return bool(plant) and all(map(is_record, plant))
+    if isinstance(plant, (str, os.PathLike)):
+        return os.fspath(plant).endswith(".csv")
+    return hasattr(plant, "columns") or isinstance(plant, dict) and "A" not in plant
+
+
 def is_of_records(file: str) -> bool:
     """True for a file of a model with the covariance that its records leave, as `identify` writes it."""
     if not file.endswith(".json"):

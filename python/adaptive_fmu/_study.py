@@ -43,6 +43,8 @@ class Study:
 
     #: Name or path of the loop.
     loop: str
+    #: What it is called in the results.
+    title: str
     #: Names of the values that differ.
     names: list[str]
     #: Values of each run.
@@ -69,7 +71,7 @@ class Study:
     def carry_out(self, executor: Any, workers: int | None, progress: bool | None) -> Sweep:
         """Carry out the runs that remain and return all."""
         remaining = [place for place in range(len(self.points)) if place not in self.done]
-        with counted(self.loop, len(self.points), progress) as count:
+        with counted(self.title, len(self.points), progress) as count:
             count(len(self.done))
             if remaining:
                 with self._submitting(executor, min(workers or os.cpu_count() or 1, len(remaining))) as submit:
@@ -121,7 +123,7 @@ class Study:
                     self._accept(place, future.result())
 
     def _sweep(self) -> Sweep:
-        return Sweep(self.loop, self.names, [self.done[place] for place in sorted(self.done)])
+        return Sweep(self.title, self.names, [self.done[place] for place in sorted(self.done)])
 
     def _so_far(self) -> str:
         further = "Give `out` a folder in which runs are stored, so that a later call continues"

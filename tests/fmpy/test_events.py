@@ -193,6 +193,12 @@ def test_events_that_can_not_be_are_refused_before_the_run(event: tuple, reason:
     assert reason in str(error.value), error.value
 
 
+@pytest.mark.parametrize("words", [["--all"], ["--again", "results"]])
+def test_events_are_of_one_loop_and_are_repeated_as_they_were(tmp_path: Path, words: list[str]) -> None:
+    refused = program(tmp_path, "run", *words, "--event", "1: plant.omega=2")
+    assert refused.returncode == 2 and re.search(f"'{words[0]}.*' cannot be used with '--event", refused.stderr), refused.stderr
+
+
 def test_a_value_that_an_fmu_refuses_ends_the_run_with_the_time(tmp_path: Path) -> None:
     with pytest.raises(adaptive_fmu.Error, match=r"omega_m(in|ax)") as error:
         adaptive_fmu.Loop(LOOP).run(until=2, events=[(1.0, "controller.omega_min[1,1]", 5)])

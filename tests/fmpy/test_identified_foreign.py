@@ -13,6 +13,7 @@ import pytest
 from conftest import PROGRAM, read_csv
 from own_machines import levels
 from sample import NUMBER
+from scipy.integrate import solve_ivp
 from test_foreign_plants import C_ONLY, PYTHON, in_c, needs_python
 
 OVEN = """
@@ -166,3 +167,28 @@ def test_a_parameter_of_an_oven_in_python_is_found(tmp_path: Path) -> None:
     assert all(error < 1e-4 * abs(model[matrix][i - 1][j - 1]) for (matrix, i, j), error in errors.items()), errors
     done(tmp_path, "new", "pid", "--name", "C", "--plant", "model.json", "--outputs", "chamber", "--reference", "120", "--no-schema")
     assert json.loads(done(tmp_path, "check", "C.toml", "--json"))["sound"]
+
+
+@needs_python
+def test_an_event_of_an_oven_in_python_changes_its_loss(tmp_path: Path) -> None:
+    """Against its equations; alone, and in a loop, in which it is connected to nothing."""
+    fmu = oven(tmp_path)
+    rng = np.random.default_rng([NUMBER, 44])
+    when, loss = int(rng.integers(50, 400)), rng.uniform(0.5, 20)
+
+    def rates(time: float, x: np.ndarray) -> list[float]:
+        radiated = 2e-8 * ((x[0] + 273.15) ** 4 - (x[1] + 273.15) ** 4) + 0.5 * (x[0] - x[1])
+        return [(300.0 - radiated) / 100, (radiated - (loss if time >= when else 4.0) * (x[1] - 25.0)) / 400]
+
+    times = np.arange(0.0, 601.0)
+    before = solve_ivp(rates, (0.0, when), [130.0, 80.0], t_eval=times[times <= when], rtol=1e-9)
+    after = solve_ivp(rates, (when, 600.0), before.y[:, -1], t_eval=times[times >= when], rtol=1e-9)
+    expected = np.concatenate([before.y[1], after.y[1, 1:]])
+    event, rows = ["--step", "1", "--until", "600", "--out", "results", "--json"], {}
+    told = json.loads(done(tmp_path, "simulate", fmu, "--event", f"{when}: loss={loss}", *event))
+    rows["alone"] = read_csv(tmp_path / told["results"] / "result.csv")["chamber"]
+    done(tmp_path, "new", "loop", "--units", f"oven={fmu}", "--out", "loop")
+    told = json.loads(done(tmp_path, "run", "loop", "--event", f"{when}: oven.loss={loss}", *event))
+    rows["loop"] = read_csv(tmp_path / told["results"] / "result.csv")["oven.chamber"]
+    for where, chamber in rows.items():
+        np.testing.assert_allclose(chamber, expected, atol=0.01, err_msg=f"{where} {NUMBER}")

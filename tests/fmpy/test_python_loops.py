@@ -37,6 +37,7 @@ def test_components_are_connected_by_their_names_as_the_loop_of_the_package_is(t
     assert result.name == "Mine" and result.settings["step"] == 0.001
     for name in result.data.columns.intersection(expected.data.columns):
         np.testing.assert_array_equal(result.data[name], expected.data[name], err_msg=name)
+    assert loop.sweep({"plant.omega": [1, 2]}, until=0.1).name == "Mine"
     # Saved, it is the same; the folder of an unsaved one goes with it.
     folder = loop.save(tmp_path / "saved")
     again = adaptive_fmu.Loop(folder).run()

@@ -90,6 +90,9 @@ def test_a_design_from_a_record(tmp_path: Path) -> None:
     [file] = designed.export(out=tmp_path)
     assert file.name == "Pid.fmu" and adaptive_fmu.validate(file, run=False).empty
     assert len(designed.plot().axes) >= 1
+    for no_states in (record, dict(record.items()), [record, record], MOTOR):
+        with pytest.raises(adaptive_fmu.ArgumentError, match="plant is a record: give the names of its columns that are states"):
+            adaptive_fmu.design(no_states, **asked, out=tmp_path / "none")
 
 
 def test_new_takes_the_operating_point_of_an_fmu(tmp_path: Path) -> None:

@@ -123,3 +123,11 @@ def test_a_controller_that_is_another_has_no_delay(controller: tuple[Path, np.nd
     experiment(folder, A, B, late=False)
     of = json.loads(program(folder, *REPLAY, "--set", "feedback_gain[1,1]=5").stdout)["compared"]["outputs"]["voltage"]
     assert of["delay"] == 0 and of["fit"] < 99.9, (NUMBER, of)
+
+
+def test_columns_that_set_parameters_are_told(tmp_path: Path) -> None:
+    """A column of a record may have the name of one by chance."""
+    (tmp_path / "record.csv").write_text('time,"u[1]","A[2,2]","y[1]",other\n0,1,-2,0,0\n1,1,-3,0.5,0\n')
+    ran = program(tmp_path, "simulate", "StateSpace", "--input", "record.csv", "--compare", "y[1]", "--json")
+    assert ran.returncode == 0, ran.stderr
+    assert "columns of record.csv that set parameters: A[2,2]" in ran.stderr and "not used: other" in ran.stderr

@@ -63,6 +63,12 @@ def test_a_structure_that_is_not_there_is_refused_with_those_that_are(archives: 
     assert refused.returncode == 1 and "several variants: Long.ssd, Short.ssd" in refused.stderr, refused.stderr
     refused = program(archives, "run", "others.ssp", "--variant", "Shor")
     assert refused.returncode == 1 and "did you mean `Short.ssd`?" in refused.stderr, refused.stderr
+    with zipfile.ZipFile(archives / "others.ssp") as archive:
+        archive.extractall(archives / "folder")
+    refused = program(archives, "run", "folder", "--variant", "Shor")
+    assert refused.returncode == 1 and "did you mean `Short.ssd`?" in refused.stderr, refused.stderr
+    refused = program(archives, "run", LOOP, "--variant", "Short")
+    assert refused.returncode == 1 and f"{LOOP}: has no variants; only folders and .ssp archives" in refused.stderr, refused.stderr
 
 
 def commands(tmp_path: Path) -> list[str]:

@@ -223,11 +223,6 @@ mod tests {
     }
 
     #[test]
-    fn each_command_is_in_one_group_of_the_help() {
-        command::help::check(&Arguments::command());
-    }
-
-    #[test]
     fn a_negative_number_is_a_value_of_every_option() {
         let mut options = 0;
         for (way, command) in commands(&Arguments::command(), &[]) {

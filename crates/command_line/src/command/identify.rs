@@ -218,7 +218,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     let out = &arguments.out;
     place(out, &[(name_of(out)?.into(), &text_of(&found.model)?, arguments.force)])?;
-    let page = page::write(arguments, &page::of_identified(&found, arguments))?;
+    let page = page::write(arguments, || page::of_identified(&found, arguments).html())?;
     if arguments.json {
         say!("{}", as_json(&found)?);
     } else {

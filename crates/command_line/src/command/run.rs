@@ -35,11 +35,11 @@ pub struct Arguments {
     /// Repeat an earlier run with the settings stored in its results, and report the differences.
     ///
     /// Results go to LOOP@again next to the earlier ones, unless --tag or --out is given.
-    #[arg(long, value_name = "RESULTS", conflicts_with_all = ["name", "all", "case", "set", "composite", "fmus", "step",
+    #[arg(long, value_name = "RESULTS", conflicts_with_all = ["name", "all", "case", "set", "event", "composite", "fmus", "step",
         "until", "order", "accept_algebraic_loops", "in_process", "patience"])]
     pub again: Option<PathBuf>,
     /// Run all loops of this package and print a table of them
-    #[arg(long, conflicts_with_all = ["name", "case", "set", "open"])]
+    #[arg(long, conflicts_with_all = ["name", "case", "set", "event", "open"])]
     pub all: bool,
     /// Structure in an .ssp archive with several of them, NAME.ssd [default: SystemStructure.ssd, or else the only one]
     #[arg(long, value_name = "NAME", conflicts_with_all = ["all", "again"])]

@@ -170,6 +170,11 @@ fn inputs(arguments: &Arguments, description: &ModelDescription) -> Result<(Opti
     let Some(file) = &arguments.input else { return Ok((None, None)) };
     let Some(Names(names)) = &arguments.compare else { return Ok((Some(Inputs::read(file, description)?), None)) };
     let Read { inputs, others } = Inputs::read_some(file, description)?;
+    let parameters: Vec<_> =
+        inputs.variables(description).filter(|v| v.causality == "parameter").map(|v| &*v.name).collect();
+    if !parameters.is_empty() {
+        remark!("columns of {} that set parameters: {}", file.display(), parameters.join(", "));
+    }
     let replay = Replay::new(description, names, inputs.times(), others)?;
     if !replay.unused.is_empty() {
         remark!("columns of {} that are not used: {}", file.display(), replay.unused.join(", "));

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use adaptive_fmu_identification::{Correlations, Model, Pole, Response};
+use adaptive_fmu_identification::{Correlations, Model, Pole, Response, chi_squared};
 
 use crate::drawing::{Chart, Line, colours};
 use crate::figures::labelled;
@@ -11,6 +11,8 @@ use crate::figures::labelled;
 const POINTS: usize = 72;
 /// 99 % of normal numbers are within so many standard deviations.
 const NORMAL: f64 = 2.576;
+/// Free space on both sides of poles, as a part of the range.
+const MARGIN: f64 = 0.06;
 
 fn line(name: &str, points: Vec<(f64, Option<f64>)>) -> Line {
     Line { name: name.to_owned(), colour: colours::LINE.to_owned(), points, marked: false, dashed: false }
@@ -41,29 +43,38 @@ impl Figure {
     }
 }
 
-/// Poles with ellipses, whose squared radius is so many variances.
-pub fn poles(poles: &[Pole], radius: f64) -> Figure {
+/// Poles with the ellipses that contain them with a confidence, intervals of those that are real.
+pub fn poles(poles: &[Pole], level: f64) -> Figure {
+    let [interval, plane] = [1, 2].map(|freedom| chi_squared(level, freedom).sqrt());
     let mut lines = Vec::new();
     for pole in poles {
         let name = format!("{} {:+} j", crate::report::number(pole.real), pole.imaginary);
-        if pole.covariance.iter().all(|entry| entry.is_finite()) {
-            lines.push(line(&name, ellipse(pole, radius)));
+        let is_known = pole.covariance.iter().all(|entry| entry.is_finite());
+        if is_known && pole.imaginary == 0.0 {
+            let half = interval * pole.covariance[0].max(0.0).sqrt();
+            let ends = [pole.real - half, pole.real + half].map(|end| (end, Some(0.0)));
+            lines.push(Line { marked: true, ..dashed(&name, ends.to_vec()) });
+        } else if is_known {
+            lines.push(line(&name, ellipse(pole, plane)));
         }
         lines.push(Line { marked: true, ..line(&name, vec![(pole.real, Some(pole.imaginary))]) });
     }
-    Figure::new("Poles".to_owned(), &labelled("real part", "1/s"), &labelled("imaginary part", "rad/s"), lines)
+    let places = || lines.iter().flat_map(|line| &line.points).map(|(real, _)| *real);
+    let (low, high) = (places().fold(f64::INFINITY, f64::min), places().fold(f64::NEG_INFINITY, f64::max));
+    // Nothing is drawn on the frame.
+    let apart = if high > low { MARGIN * (high - low) } else { low.abs().max(1.0) };
+    lines.push(line("", vec![(low - apart, None), (high + apart, None)]));
+    Figure::new("Complex plane".to_owned(), &labelled("real part", "1/s"), &labelled("imaginary part", "rad/s"), lines)
 }
 
-/// The ellipse of a pole: a Cholesky factor of its covariance maps unit vectors to it.
-fn ellipse(pole: &Pole, radius: f64) -> Vec<(f64, Option<f64>)> {
-    // A pole that is real stays real.
-    let [along, across, both] = if pole.imaginary == 0.0 { [pole.covariance[0], 0.0, 0.0] } else { pole.covariance };
+/// The ellipse of a pole, its half axes so many standard deviations: a Cholesky factor of its covariance maps unit vectors to it.
+fn ellipse(pole: &Pole, size: f64) -> Vec<(f64, Option<f64>)> {
+    let [along, across, both] = pole.covariance;
     let first = along.max(0.0).sqrt();
     let slope = if first > 0.0 { both / first } else { 0.0 };
     let rest = (across - slope * slope).max(0.0).sqrt();
     let at = |k: usize| {
         let (sine, cosine) = (TAU * k as f64 / POINTS as f64).sin_cos();
-        let size = radius.sqrt();
         (pole.real + size * first * cosine, Some(pole.imaginary + size * (slope * cosine + rest * sine)))
     };
     (0..=POINTS).map(at).collect()
@@ -122,16 +133,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ellipses_have_the_same_density_all_the_way_and_real_poles_stay_real() {
+    fn ellipses_have_the_same_density_all_the_way_and_real_poles_have_an_interval() {
         let [along, across, both] = [0.04, 0.09, -0.03];
         let pole = Pole { real: -1.0, imaginary: 2.0, covariance: [along, across, both] };
-        for (real, imaginary) in ellipse(&pole, 9.21) {
+        for (real, imaginary) in ellipse(&pole, 9.21_f64.sqrt()) {
             let [x, y] = [real + 1.0, imaginary.unwrap() - 2.0];
             let distance = (across * x * x - 2.0 * both * x * y + along * y * y) / (along * across - both * both);
             assert!((distance - 9.21).abs() < 1e-9, "{distance}");
         }
         let real = Pole { imaginary: 0.0, covariance: [along, 1e-20, 1e-20], ..pole };
-        let ends = ellipse(&real, 1.0).into_iter().map(|(x, y)| (x, y.unwrap())).collect::<Vec<_>>();
-        assert!(ends.iter().all(|(_, y)| *y == 0.0) && (ends[0].0 + 0.8).abs() < 1e-12);
+        let interval = &poles(&[real], 0.99).lines[0].points;
+        assert_eq!(interval.len(), 2);
+        for ((end, imaginary), sign) in interval.iter().zip([-1.0, 1.0]) {
+            assert!(*imaginary == Some(0.0) && (end + 1.0 - sign * NORMAL * 0.2).abs() < 1e-3, "{end}");
+        }
     }
 }

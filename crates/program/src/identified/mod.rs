@@ -18,7 +18,7 @@ use crate::report::number;
 const MOST_DIAGRAMS: usize = 40;
 /// Charts stand side by side where there is room.
 const STYLE: &str = "
-  .charts { display: grid; grid-template-columns: repeat(auto-fit, minmax(30em, 1fr)); gap: 0 1.5em; }
+  .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(30em, 1fr)); gap: 0 1.5em; }
   figure { margin: 0.8em 0; }
   .charts .chart text { font-size: 18px; }
   figcaption { font-weight: bold; }
@@ -98,10 +98,10 @@ impl Report<'_> {
     fn push_poles(&self, page: &mut String) {
         let Some(model) = self.model.filter(|_| !self.poles.is_empty()) else { return };
         let text = format!(
-            "Ellipses: each contains its pole with a confidence of {} %, first order.",
+            "Ellipses, and dashed intervals of real poles: each contains its pole with a confidence of {} %, first order.",
             number(100.0 * model.level)
         );
-        push(page, "Poles", &text, vec![charts::poles(self.poles, chi_squared(model.level, 2))]);
+        push(page, "Poles", &text, vec![charts::poles(self.poles, model.level)]);
     }
 
     fn push_responses(&self, page: &mut String) {

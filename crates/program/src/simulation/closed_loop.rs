@@ -239,9 +239,9 @@ impl ClosedLoop {
         let Settings { start_time, stop_time, order, .. } = settings;
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
         let mut goes_on = watch(recording, start_time, &self.row);
-        let mut changes: Vec<&Change> = self.changes.iter().chain(changes).collect();
+        let mut changes = [&self.changes[..], changes].concat();
         changes.sort_by(|a, b| a.at.total_cmp(&b.at));
-        let mut changes = changes.into_iter().cloned().collect::<Vec<_>>().into_iter().peekable();
+        let mut changes = changes.into_iter().peekable();
         for (time, next) in settings.points() {
             if !goes_on {
                 break;

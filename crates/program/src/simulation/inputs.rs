@@ -87,8 +87,9 @@ impl Inputs {
         let time = columns.remove(0);
         let unit = time.unit.as_deref().unwrap_or("s");
         let Some([factor, over]) = seconds(unit).filter(|_| TIMES.contains(&time.name.as_str())) else {
-            let given = format!("`{}` in {unit}", time.name);
-            return Err(refuse(format!("line 1: the first column is {given}: must be `time` in s, ms, us, min or h")));
+            let given = time.unit.as_ref().map_or_else(String::new, |unit| format!(" in {unit}"));
+            let allowed = "must be `time`, in s, ms, us, min or h";
+            return Err(refuse(format!("line 1: the first column is `{}`{given}: {allowed}", time.name)));
         };
         let refuse_at = |row: usize, reason: String| refuse(format!("line {}: {reason}", lines[row]));
         if let Some(row) = time.values.iter().position(|time| time.is_nan()) {
@@ -148,6 +149,11 @@ impl Inputs {
     /// True if an input has values here.
     pub fn has(&self, reference: u32) -> bool {
         self.columns.iter().any(|column| column.reference == reference)
+    }
+
+    /// The variables of a unit that have values here.
+    pub fn variables<'a>(&self, description: &'a ModelDescription) -> impl Iterator<Item = &'a Variable> {
+        of_unit(description).filter(|variable| self.has(variable.reference))
     }
 
     /// The times, s.

@@ -15,11 +15,11 @@ use super::{Arguments, Read, meaning, told, written};
 use crate::command::names::Names;
 
 /// Writes the page, if it is wanted; its file.
-pub fn write(arguments: &Arguments, report: &Report) -> Result<Option<PathBuf>, Error> {
+pub fn write(arguments: &Arguments, html: impl FnOnce() -> String) -> Result<Option<PathBuf>, Error> {
     let Some(file) = arguments.page_file() else { return Ok(None) };
     let folder = begun::path(file.parent().unwrap_or(Path::new("")));
     std::fs::create_dir_all(&folder).map_err(Error::file(&folder))?;
-    output::write(&file, report.html())?;
+    output::write(&file, html())?;
     Ok(Some(file))
 }
 
@@ -35,7 +35,7 @@ pub fn of_identified<'a>(found: &'a Identified, arguments: &'a Arguments) -> Rep
     });
     let entries = Table {
         title: "Entries".to_owned(),
-        heads: vec!["entry", "value", "std. error", "%", "κ, for coloured residuals"],
+        heads: vec!["entry", "value", "std. error", "error, %", "κ, for coloured residuals"],
         rows: entries.collect(),
     };
     Report {
@@ -104,7 +104,7 @@ impl OfParameters {
         });
         let parameters = Table {
             title: "Parameters".to_owned(),
-            heads: vec!["parameter", "value", "std. error", "%", "unit"],
+            heads: vec!["parameter", "value", "std. error", "error, %", "unit"],
             rows: parameters.collect(),
         };
         let about = model.map_or_else(|| "There is no linear model.".to_owned(), about);

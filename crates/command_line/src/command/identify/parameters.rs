@@ -34,8 +34,8 @@ const LEAST_ERROR: f64 = 0.03;
 const MOST_CONDITION: f64 = 1e8;
 /// A sound fit is at least this part of what noise leaves.
 const LEAST_FIT: f64 = 0.5;
-/// Step of a parameter for differences of the linear model: in standard errors, and at least in parts of its start value. The latter is
-/// larger where the linear model is found from responses, which are blurred by the steps of the FMU.
+/// Step of a parameter for differences of the linear model: in standard errors, and at least in parts of its value. The latter is larger
+/// where the linear model is found from responses, which are blurred by the steps of the FMU.
 const STEP: f64 = 0.5;
 const LEAST_STEP: f64 = 1e-3;
 const LEAST_OF_RESPONSES: f64 = 0.1;
@@ -92,12 +92,13 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
     let linear = linear_model(&fmu, arguments, &found);
     let model = linear.as_ref().ok().map(|linear| model(linear, arguments, records, &found, &fmu));
     write(arguments, &found, model.as_ref(), &fmu)?;
-    let measured: Vec<_> = recorded.iter().map(|record| &record.outputs[..]).collect();
-    let shown = page::OfParameters::new(&found, records, &measured, model.as_ref());
-    let units =
-        outputs.iter().map(|name| fmu.description.variable(name).and_then(|own| own.unit.clone()).unwrap_or_default());
-    let units: Vec<_> = units.collect();
-    let page = page::write(arguments, &shown.report(&found, (model.as_ref(), &findings), &units, arguments))?;
+    let page = page::write(arguments, || {
+        let measured: Vec<_> = recorded.iter().map(|record| &record.outputs[..]).collect();
+        let unit = |name: &String| fmu.description.variable(name).and_then(|own| own.unit.clone()).unwrap_or_default();
+        let units: Vec<_> = outputs.iter().map(unit).collect();
+        let shown = page::OfParameters::new(&found, records, &measured, model.as_ref());
+        shown.report(&found, (model.as_ref(), &findings), &units, arguments).html()
+    })?;
     let set = arguments.out.with_extension("ssv");
     if arguments.json {
         let parameters: Vec<_> = found.parameters.iter().map(as_json).collect();
@@ -250,42 +251,38 @@ fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<
         let mut start = options.set.clone();
         for &k in shared.iter().chain(&known) {
             let Estimated { name, value, .. } = &found.parameters[k];
-            let more = moved.filter(|(of, _)| *of == k).map_or(0.0, |(_, step)| step);
+            let value = moved.filter(|(of, _)| *of == k).map_or(*value, |(_, to)| to);
             start.retain(|(known, _)| known != name);
-            start.push((name.clone(), (value + more).to_string()));
+            start.push((name.clone(), value.to_string()));
         }
         linearise(fmu, &OperatingPoint { start, ..OperatingPoint::default() }).map(of_record)
     };
     let linear = at(None)?;
     let entries =
         |of: &Linearisation| -> Vec<f64> { of.a.transpose().iter().chain(of.b.transpose().iter()).copied().collect() };
-    let (least_step, error) = match linear.method {
+    let (least_step, blurred) = match linear.method {
         Method::Responses { difference, .. } => (LEAST_OF_RESPONSES, difference * linear.a.amax().max(linear.b.amax())),
         Method::Derivatives | Method::Differences { .. } => (LEAST_STEP, 0.0),
     };
     let mut slopes = DMatrix::zeros(entries(&linear).len(), shared.len());
     let mut blur: f64 = 0.0;
     for (column, &k) in shared.iter().enumerate() {
-        let parameter = &found.parameters[k];
-        let step = (STEP * parameter.error).max(least_step * parameter.scale).min(room(fmu, parameter));
-        let [above, below] = [step, -step].map(|moved| at(Some((k, moved))));
-        let (above, below) = (entries(&above?), entries(&below?));
-        let of_entry = |i: usize| (above[i] - below[i]) / (2.0 * step);
+        let Estimated { name, value, error, .. } = &found.parameters[k];
+        let step = (STEP * error).max(least_step * value.abs());
+        // At a bound that the FMU declares, the difference is to one side.
+        let (low, high) = fmu.description.variable(name).map_or((f64::NEG_INFINITY, f64::INFINITY), Variable::bounds);
+        let ends = [(value - step).max(low), (value + step).min(high)];
+        let width = ends[1] - ends[0];
+        if width <= 0.0 {
+            continue;
+        }
+        let [below, above] = ends.map(|end| at(Some((k, end))));
+        let (below, above) = (entries(&below?), entries(&above?));
+        let of_entry = |i: usize| (above[i] - below[i]) / width;
         slopes.column_mut(column).iter_mut().enumerate().for_each(|(i, slope)| *slope = of_entry(i));
-        blur = blur.hypot(error * parameter.error / step);
+        blur = blur.hypot(2.0 * blurred * error / width);
     }
     Ok(Linear { linear, slopes, blur, shared })
-}
-
-/// How far a parameter may be moved to both sides, as the FMU declares.
-fn room(fmu: &Fmu, Estimated { name, value, .. }: &Estimated) -> f64 {
-    let (low, high) = fmu
-        .description
-        .variables
-        .iter()
-        .find(|variable| variable.name == *name)
-        .map_or((f64::NEG_INFINITY, f64::INFINITY), Variable::bounds);
-    (value - low).min(high - value)
 }
 
 /// The linear model as a file has it: what the parameters leave uncertain of A and B.

@@ -81,7 +81,8 @@ impl Draft {
     /// Connections that can't be made.
     pub fn new(units: Vec<DraftUnit>, wishes: Wishes) -> Result<Self, Error> {
         let mut wires = Wires::of(&units);
-        let names = order::names(&units, &order::roles(&units, &wires));
+        let roles = order::roles(&units, &wires);
+        let names = order::names(&units, &roles, &order::order(&units, &roles, &wires));
         given::connect(&mut wires, &units, &names, &wishes.connections)?;
         let roles = order::roles(&units, &wires);
         let places = order::order(&units, &roles, &wires);

@@ -59,8 +59,8 @@ pub fn order(units: &[DraftUnit], roles: &[Role], wires: &Wires) -> Vec<usize> {
 }
 
 /// Names in the loop: those that were given, which are each there once; those of roles that one unit has; else those of
-/// files, numbered where others have them.
-pub fn names(units: &[DraftUnit], roles: &[Role]) -> Vec<String> {
+/// files, numbered in the order of stepping where others have them.
+pub fn names(units: &[DraftUnit], roles: &[Role], stepped: &[usize]) -> Vec<String> {
     let of_role = |unit: usize| match roles[unit] {
         Role::Reference => "reference",
         Role::Plant => "plant",
@@ -75,15 +75,16 @@ pub fn names(units: &[DraftUnit], roles: &[Role]) -> Vec<String> {
             if alone { all[unit].to_owned() } else { plain(&units[unit].stem) }
         })
     };
-    let wanted: Vec<String> = (0..units.len()).map(own).collect();
     let given: HashSet<&String> = units.iter().filter_map(|unit| unit.given.as_ref()).collect();
-    let mut names = Vec::new();
-    for (unit, wanted) in units.iter().zip(&wanted) {
-        let free = |name: &String| unit.given.is_some() || !used.contains(name) && !given.contains(name);
+    let mut names = vec![String::new(); units.len()];
+    for &unit in stepped {
+        let wanted = own(unit);
+        let is_given = units[unit].given.is_some();
+        let free = |name: &String| is_given || !used.contains(name) && !given.contains(name);
         let numbered = (2..).map(|number| format!("{wanted}_{number}"));
         let name = std::iter::once(wanted.clone()).chain(numbered).find(free).unwrap_or_default();
         used.insert(name.clone());
-        names.push(name);
+        names[unit] = name;
     }
     names
 }

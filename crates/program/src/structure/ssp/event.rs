@@ -17,7 +17,7 @@ pub struct Event {
     pub name: String,
     /// The value, as it is written.
     pub text: String,
-    /// Where the event was given.
+    /// Its source, for messages.
     pub origin: Origin,
 }
 

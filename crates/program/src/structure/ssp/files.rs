@@ -36,7 +36,7 @@ pub fn is_inside(path: &str) -> bool {
         && Path::new(path).components().all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// The structures of an unpacked archive.
+/// The structures in a folder.
 fn structures(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = std::fs::read_dir(folder).map_err(Error::file(folder))?;
     let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
@@ -81,6 +81,18 @@ fn no_loop(name: &str, extension: Option<&str>) -> Error {
     )))
 }
 
+/// Why a folder has no structure of a name.
+fn no_variant(folder: &Path, file: &str) -> Error {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    match structures(here) {
+        Ok(known) => Error::unknown("structure", file, known, ""),
+        Err(_) => Error::Argument(Invalid::because(format!(
+            "{}: has no variants; only folders and .ssp archives with several structures have them",
+            folder.display()
+        ))),
+    }
+}
+
 impl LoopFiles {
     /// Finds a loop of this package by its name, or by a path: a folder with a SystemStructure.ssd, an .ssd file, or an
     /// .ssp archive.
@@ -110,6 +122,9 @@ impl LoopFiles {
         } else if extension == Some("ssd") {
             let folder = path.parent().unwrap_or(Path::new("")).to_owned();
             let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if !path.is_file() {
+                return Err(no_variant(&folder, &file));
+            }
             (folder.clone(), Place::Folder(folder), file)
         } else if extension == Some("ssp") {
             let folder = Scratch::new()?;
