@@ -64,7 +64,7 @@ pub fn poles(poles: &[Pole], level: f64) -> Figure {
     // Nothing is drawn on the frame.
     let apart = if high > low { MARGIN * (high - low) } else { low.abs().max(1.0) };
     lines.push(line("", vec![(low - apart, None), (high + apart, None)]));
-    Figure::new("Complex plane".to_owned(), &labelled("real part", "1/s"), &labelled("imaginary part", "rad/s"), lines)
+    Figure::new("Poles".to_owned(), &labelled("real part", "1/s"), &labelled("imaginary part", "rad/s"), lines)
 }
 
 /// The ellipse of a pole, its half axes so many standard deviations: a Cholesky factor of its covariance maps unit vectors to it.

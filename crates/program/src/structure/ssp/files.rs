@@ -122,7 +122,7 @@ impl LoopFiles {
         } else if extension == Some("ssd") {
             let folder = path.parent().unwrap_or(Path::new("")).to_owned();
             let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            if !path.is_file() {
+            if !path.exists() {
                 return Err(no_variant(&folder, &file));
             }
             (folder.clone(), Place::Folder(folder), file)
