@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ._errors import LimitExceeded
+from ._executor import ask
 from ._figures import shown, svg
-from ._pool import done
 from ._values import PathLike, number
 
 if TYPE_CHECKING:
@@ -114,6 +114,7 @@ def check(
     worst_case: float | None = None,
     worst: PathLike | None = None,
     page: PathLike | None = None,
+    executor: Any = None,
 ) -> Checked:
     """Check the design of an FMU: the loop with the nominal plant, poles, margins, and the conditions of its method.
 
@@ -123,6 +124,7 @@ def check(
     worst_case: time of a search for the worst plant within the uncertainty, with runs of the FMUs, s. Default: None, no search.
     worst: file for the worst plant as a parameter set (.ssv). Default: None, nothing is written.
     page: file for the report as a page with pictures (.html). Default: None, nothing is written.
+    executor: where the runs of `worst_case` are carried out, as for `Loop.sweep`. Default: None, threads of this process.
 
     Raises `Error` if the description is refused, or has no nominal plant for these options.
 
@@ -136,4 +138,7 @@ def check(
     request += [f"--worst-case={number(worst_case)}"] if worst_case is not None else []
     for option, file in (("--worst", worst), ("--page", page)):
         request += [f"{option}={os.fspath(file)}"] if file is not None else []
-    return Checked(done([*request, "--", os.fspath(description)]).json())
+    answer = ask([*request, "--", os.fspath(description)], executor)
+    if failure := answer.failure():
+        raise failure
+    return Checked(answer.json())

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from . import _pool
 from ._drafted import Diagram, Drafted
 from ._errors import ArgumentError, Error, Interrupted
+from ._executor import ask
 from ._linear import Linearisation
 from ._program import INTERRUPTED
 from ._progress import shown
@@ -289,7 +290,7 @@ class Loop:
         fixed = ["run", *self._words(until, step, order, composite, cases, None), "--json", *words("--set", together)]
         fixed += event_words(events)
         names, points = combined(over)
-        study = Study(self.name, self._shown, names, points, fixed, cases, keep)
+        study = Study(self.name, self._shown, names, points, fixed, keep)
         if out is not None:
             times = {name: None if time is None else float(time) for name, time in (("until", until), ("step", step))}
             further = {"order": order, "composite": composite, "values": texts(together), "events": event_words(events)}
@@ -307,6 +308,7 @@ class Loop:
         generations: int = 20,
         seed: int = 1,
         separate: bool = False,
+        executor: Any = None,
         until: float | None = None,
         step: float | None = None,
         case: PathLike | Sequence[PathLike] = (),
@@ -332,6 +334,9 @@ class Loop:
         seed: seed of the random numbers; the same seed gives the same search. Default: 1.
         separate: True to simulate the components separately, as `run` does. Default: False, the loop is one continuous system if
             possible, and the best values are run once more with separate components.
+        executor: where the runs are carried out, as for `sweep`: each particle of a generation is one job. The result is the same to
+            the bit on machines of the same platform. If workers are lost, it raises `Error`, and with `out` the same call continues.
+            Default: None, threads of this process.
         until: stop time, s. Default: the loop's own for tuning, or else its own for runs.
         out: folder for the best values as parameter sets (.ssv), and for the course of the search. A call with the same arguments
             continues the search that is stored there; a call with other arguments is refused, and the message lists the
@@ -363,7 +368,7 @@ class Loop:
         request += [f"--tag={tag}"] if tag is not None else []
         with tempfile.TemporaryDirectory() as folder, shown(self._shown, progress) as show:
             request += [f"--out={os.fspath(folder if out is None else out)}", *self._named]
-            answer = _pool.ask(request, show)
+            answer = ask(request, executor, show, self.name)
             if (answer.code != INTERRUPTED or not answer.text) and (failure := answer.failure()):
                 raise failure
             return Tuned(answer.json(), None if out is None else Path(out), answer.notes)

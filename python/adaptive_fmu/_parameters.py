@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from ._errors import ArgumentError, Error, ExperimentWarning
+from ._executor import ask
 from ._identify import series
-from ._pool import done
 from ._program import retold
 from ._records import Given
 from ._values import PathLike, Value, joined, number, shown, words
@@ -124,6 +124,7 @@ def estimate(
     hold: str = "zero-order",
     offset: str | None = "record",
     time: str | None = None,
+    executor: Any = None,
 ) -> Estimated:
     """Estimate parameters of an FMU or a loop from records and return them with their uncertainty.
 
@@ -139,6 +140,8 @@ def estimate(
     hold: course of the inputs between rows: "zero-order", as a digital controller writes them (default), or "first-order".
     offset: "record" for a constant error of each output in each record (default), or None.
     time: name of the column, or of the index, with the time, without unit. Default: "time", or the index.
+    executor: where the records are simulated, as for `Loop.sweep`; a job is one record with one set of values. Default: None, this
+        process.
 
     The result is a plant for `new` and `design`: linear about its start, with the uncertainty that the parameters leave. Findings
     for which it should not be used are given as `ExperimentWarning`.
@@ -169,7 +172,10 @@ def estimate(
             named = ["data"] if len(records) == 1 else [f"data[{place}]" for place in range(len(records))]
             files = [given.record(one, name, time, wanted) for one, name in zip(records, named)]
             request = [f"--{option}={text}" for option, text in (texts | {"fmu": os.fspath(fmu), "out": os.fspath(out)}).items()]
-            answer = done(["identify", "--json", *request, *words("--set", values or {}), "--", *files]).json()
+            made = ask(["identify", "--json", *request, *words("--set", values or {}), "--", *files], executor)
+            if failure := made.failure():
+                raise failure
+            answer = made.json()
             text = out.read_text(encoding="utf-8") if answer["model"] else ""
             parameter_set = out.with_suffix(".ssv").read_text(encoding="utf-8")
     answer["findings"] = [given.retold(finding) for finding in answer["findings"]]

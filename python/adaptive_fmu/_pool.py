@@ -8,20 +8,23 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
 
-from ._program import Answer, Conversation, Progress
+from ._program import Answer, Conversation, Jobs, Progress
 
 _idle: list[Conversation] = []
 _busy: set[Conversation] = set()
 _lock = Lock()
 
 
-def ask(words: Sequence[str], progress: Progress | None = None, folder: str | None = None) -> Answer:
+def ask(
+    words: Sequence[str], progress: Progress | None = None, folder: str | None = None, jobs: Jobs | None = None
+) -> Answer:
     """Send a request to a waiting program, or to a new one. The caller raises the exception of the answer, if any.
 
     folder: working folder of the request. Default: that of this process.
+    jobs: what carries out jobs of the request. Default: the program itself.
     """
     with _conversation() as conversation:
-        return conversation.ask(words, progress, folder)
+        return conversation.ask(words, progress, folder, jobs)
 
 
 def done(words: Sequence[str]) -> Answer:

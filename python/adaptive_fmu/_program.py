@@ -12,10 +12,11 @@ import sys
 import sysconfig
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, cast
+from queue import SimpleQueue
+from typing import IO, Any, Protocol, cast
 
 import numpy as np
 
@@ -138,6 +139,13 @@ class Answer:
         return ArgumentError(message) if self.code == 2 else Error(message)
 
 
+class Jobs(Protocol):
+    """What carries out jobs of a request."""
+
+    def begin(self, number: int, job: str, send: Callable[[dict[str, Any]], None], stop: Callable[[], None]) -> None:
+        """Begin a job, whose result is sent, or stop the request."""
+
+
 class Conversation:
     """Connection to one running program, which answers one request at a time. The program ends when its input is closed."""
 
@@ -149,6 +157,8 @@ class Conversation:
             else {"start_new_session": True}
         )
         self._request = 0
+        #: Lines to send while the program carries out a request that has jobs; None otherwise.
+        self._lines: SimpleQueue[dict[str, Any] | None] | None = None
         file = program()
         # Compilers installed as Python packages (ziglang) are taken from this Python environment.
         apart["env"] = {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])}
@@ -164,15 +174,21 @@ class Conversation:
     def is_alive(self) -> bool:
         return self.process.poll() is None
 
-    def ask(self, words: Sequence[str], progress: Progress | None = None, folder: str | None = None) -> Answer:
+    def ask(
+        self,
+        words: Sequence[str],
+        progress: Progress | None = None,
+        folder: str | None = None,
+        jobs: Jobs | None = None,
+    ) -> Answer:
         """Send one command, as words of the command line, and return its answer."""
         self._request += 1
         folder = os.getcwd() if folder is None else folder
         require_unicode(*words, folder)
-        self._send({"request": self._request, "arguments": list(words), "folder": folder})
+        self._send({"request": self._request, "arguments": list(words), "folder": folder, "workers": jobs is not None})
         answer = Answer()
-        with self._listening_to_interrupts() as heard:
-            while not self._receive(answer, progress):
+        with self._sending_results(jobs), self._listening_to_interrupts() as heard:
+            while not self._receive(answer, progress, jobs):
                 pass
         if heard:
             # The request may have completed before the program received the stop.
@@ -181,12 +197,38 @@ class Conversation:
 
     def stop(self) -> None:
         """Ask the program to stop its request at the next communication point. May be called from any thread."""
+        if (lines := self._lines) is not None:
+            lines.put({"stop": self._request})
+            return
         stream = cast("IO[bytes]", self.process.stdin)
         try:
             # Bypass the buffer of the stream, to which another thread may be writing. A line this short is written in one piece.
             os.write(stream.fileno(), json.dumps({"stop": self._request}).encode() + b"\n")
         except OSError:
             pass  # The program has ended; the thread that waits for its answer raises the error.
+
+    @contextmanager
+    def _sending_results(self, jobs: Jobs | None) -> Iterator[None]:
+        """Send results of jobs from a thread of its own: they come in any thread, and while the program sends jobs."""
+        if jobs is None:
+            yield
+            return
+        lines: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+
+        def send() -> None:
+            while (line := lines.get()) is not None:
+                with suppress(Error):
+                    self._send(line)
+
+        thread = threading.Thread(target=send, daemon=True)
+        self._lines = lines
+        thread.start()
+        try:
+            yield
+        finally:
+            self._lines = None
+            lines.put(None)
+            thread.join()
 
     @contextmanager
     def _listening_to_interrupts(self) -> Iterator[list[int]]:
@@ -240,7 +282,7 @@ class Conversation:
         except OSError:
             raise self._gone() from None
 
-    def _receive(self, answer: Answer, progress: Progress | None) -> bool:
+    def _receive(self, answer: Answer, progress: Progress | None, jobs: Jobs | None) -> bool:
         """Read one message into the answer. Return True if it was the last."""
         stream = cast("IO[bytes]", self.process.stdout)
         line = stream.readline()
@@ -262,6 +304,8 @@ class Conversation:
             answer.notes.append(value)
         elif kind == "progress" and progress is not None:
             progress(value["done"], value["told"])
+        elif kind == "job" and jobs is not None and (lines := self._lines) is not None:
+            jobs.begin(value["number"], value["job"], lines.put, self.stop)
         elif kind == "recording":
             answer.about = value
             rows, columns = value["rows"], 1 + len(value["names"])

@@ -14,6 +14,7 @@ from typing import Any, TypeVar, Union
 import pandas as pd
 
 from ._errors import ArgumentError, Error
+from ._executor import ask
 from ._loop import Loop
 from ._pool import done
 from ._program import in_keywords, program
@@ -84,7 +85,13 @@ def _run_text(run: Run) -> str:
 
 
 def league(
-    only: str | Sequence[str] = (), *, quick: bool = False, out: PathLike | None = None, resume: bool = False, force: bool = False
+    only: str | Sequence[str] = (),
+    *,
+    quick: bool = False,
+    out: PathLike | None = None,
+    resume: bool = False,
+    force: bool = False,
+    executor: Any = None,
 ) -> pd.DataFrame:
     """Compare controllers on equal terms, on plants with sensors and actuators, and return the measurements, one row per pair.
 
@@ -95,6 +102,7 @@ def league(
     out: folder for the page and the results, from which `resume` continues. Default: None, nothing is written.
     resume: True to continue an earlier call in that folder. Default: False.
     force: True to replace its results. Default: False.
+    executor: where the pairs are computed, as for `Loop.sweep`; a job is one stage of a pair. Default: None, this process.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.league("siso/pid", quick=True)[["plant", "controller"]].to_dict("records")
@@ -110,7 +118,10 @@ def league(
             *(f"--only={pair}" for pair in ([only] if isinstance(only, str) else only)),
         ]
         request += [f"--{name}" for name, wanted in (("quick", quick), ("resume", resume), ("force", force)) if wanted]
-        pairs = done(request).json()["pairs"]
+        answer = ask(request, executor)
+        if failure := answer.failure():
+            raise failure
+        pairs = answer.json()["pairs"]
     rows = [
         {"plant": pair["asked"]["plant"]["name"], "controller": pair["asked"]["controller"]["name"], **_numbers(pair)}
         for pair in pairs

@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import os
-import tempfile
-import uuid
-import warnings
 from asyncio import CancelledError
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from . import _pool
-from ._errors import ArgumentError, Error, Interrupted
+from ._errors import Error, Interrupted
+from ._executor import Submit, checksums, packed, reason, submitting
 from ._program import Answer
 from ._progress import counted
 from ._stored import Stored
 from ._sweep import Run, Sweep
 from ._values import PathLike, words
-from ._worker import Files, Task, forget, perform, same, version
-
-#: Number of times that Dask repeats a run whose program was ended.
-RETRIES = 2
-#: Longest time to wait until workers have removed files, s.
-PATIENCE = 5.0
-
-Submit = Callable[..., "Future[Answer]"]
+from ._worker import version
 
 
 @dataclass
@@ -51,8 +39,6 @@ class Study:
     points: list[dict[str, Any]]
     #: Words of each request, before the values of the run.
     fixed: list[str]
-    #: Parameter sets that the requests name.
-    cases: list[str]
     #: True to store the recorded signals.
     keep: bool
     #: Folder with runs that are done; None if nothing is stored.
@@ -62,7 +48,7 @@ class Study:
 
     def store(self, folder: PathLike, arguments: Mapping[str, Any], force: bool) -> None:
         """Take the runs that are done from a folder, and store further ones in it."""
-        files = {"files": checksums(packed(self.loop, self.cases))}
+        files = {"files": checksums(packed(self.loop, self.fixed))}
         self.stored = Stored(folder, {"version": version(), **arguments, **files, "over": self.names}, force)
         for place, point in enumerate(self.points):
             if run := self.stored.get(point, self.keep):
@@ -74,7 +60,8 @@ class Study:
         with counted(self.title, len(self.points), progress) as count:
             count(len(self.done))
             if remaining:
-                with self._submitting(executor, min(workers or os.cpu_count() or 1, len(remaining))) as submit:
+                threads = min(workers or os.cpu_count() or 1, len(remaining))
+                with submitting(executor, threads, self.fixed, self.loop) as submit:
                     self._wait(remaining, submit, count, executor is None or isinstance(executor, ThreadPoolExecutor))
         return self._sweep()
 
@@ -82,7 +69,7 @@ class Study:
         waiting: dict[Future[Answer], int] = {}
         try:
             for place in places:
-                waiting[submit(place)] = place
+                waiting[submit(self._request(place), self.keep)] = place
             for future in _completed(list(waiting)):
                 self._accept(waiting.pop(future), future.result())
                 count()
@@ -97,7 +84,7 @@ class Study:
             raise
         except (Exception, CancelledError) as error:
             self._give_up(waiting, here)
-            failed = Error(f"{_reason(error)} {self._so_far()}")
+            failed = Error(f"{reason(error)} {self._so_far()}")
             failed.partial = self._sweep() if self.done else None
             raise failed from error
 
@@ -131,44 +118,6 @@ class Study:
             further = "The same call continues"
         return f"after {len(self.done)} of {len(self.points)} runs. The attribute `partial` contains them. {further}"
 
-    @contextmanager
-    def _submitting(self, executor: Any, workers: int) -> Iterator[Submit]:
-        """Yield the function that submits the run at a place."""
-        if executor is None:
-            with ThreadPoolExecutor(workers) as pool:
-                yield self._to(pool)
-        elif is_of_dask(executor):
-            with self._by_dask(executor) as submit:
-                yield submit
-        elif callable(getattr(executor, "submit", None)):
-            yield self._to(executor)
-        else:
-            raise ArgumentError(
-                f"executor = {executor!r} is not allowed. It must have a method `submit` that returns a Future, as executors of "
-                "concurrent.futures have, or be a Client of Dask"
-            )
-
-    def _to(self, executor: Any) -> Submit:
-        folder, of = os.getcwd(), version()
-        return lambda place: executor.submit(perform, Task(self._request(place), folder, self.keep, of))
-
-    @contextmanager
-    def _by_dask(self, executor: Any) -> Iterator[Submit]:
-        """Submit to Dask, whose workers may be on other machines: they get the loop's files, each once."""
-        client = executor if hasattr(executor, "get_executor") else executor._client
-        executor = client.get_executor(retries=RETRIES) if executor is client else executor
-        files, of = packed(self.loop, self.cases), version()
-        with warnings.catch_warnings():
-            # Files of 10 MB and more would have one.
-            warnings.filterwarnings("ignore", "Sending large graph")
-            # A task: Dask repeats it if the workers that have its result are lost.
-            sent = client.submit(same, files, pure=False) if files.contents else None
-        try:
-            yield lambda place: executor.submit(perform, Task(self._request(place), None, self.keep, of), sent, pure=False)
-        finally:
-            if sent is not None:
-                _forget(client, files.study)
-
     def _request(self, place: int) -> list[str]:
         return [*self.fixed, *words("--set", self.points[place]), "--", self.loop]
 
@@ -182,56 +131,6 @@ def combined(over: Any) -> tuple[list[str], list[dict[str, Any]]]:
         names = list(over)
         rows = itertools.product(*(np.asarray(of).ravel().tolist() for of in over.values()))
     return names, [dict(zip(names, row)) for row in rows]
-
-
-def packed(loop: str, cases: Sequence[str]) -> Files:
-    """Read the files of a loop and its parameter sets. A loop of this package has none: each worker has it."""
-    contents: dict[str, bytes] = {}
-    named: dict[str, tuple[str, str]] = {}
-    # The name of a loop of this package goes before that of a folder.
-    if os.path.exists(loop) and loop not in {one["name"] for one in _pool.done(["list", "--json"]).json()["loops"]}:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(loop)
-            if not loop.endswith(".ssp"):
-                _pool.done(["export", f"--ssp={loop}", f"--out={folder}"])
-                file = next(Path(folder).glob("*.ssp"))
-            contents[file.name], named[loop] = file.read_bytes(), ("", file.name)
-    for number, case in enumerate(cases, 1):
-        # A set that does not exist is refused by the program.
-        if os.path.isfile(case):
-            path = os.path.join(f"case{number}", os.path.basename(case))
-            contents[path], named[f"--case={case}"] = Path(case).read_bytes(), ("--case=", path)
-    return Files(uuid.uuid4().hex, contents, named)
-
-
-def checksums(files: Files) -> dict[str, str]:
-    """Return the checksum of each file."""
-    return {path: hashlib.sha256(content).hexdigest()[:16] for path, content in files.contents.items()}
-
-
-def is_of_dask(executor: Any) -> bool:
-    """Return True for a Client of Dask, and for the executor of one."""
-    return any(of.__module__.partition(".")[0] == "distributed" for of in type(executor).__mro__)
-
-
-def _forget(client: Any, study: str) -> None:
-    """Remove the files of a study from all workers, without waiting for machines that no longer answer."""
-
-    def run() -> None:
-        with suppress(Exception):
-            client.run(forget, study)
-
-    thread = Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(PATIENCE)
-
-
-def _reason(error: BaseException) -> str:
-    # Messages of loky have several paragraphs.
-    shown = ": ".join([type(error).__name__, *str(error).splitlines()[:1]])
-    if isinstance(error, BrokenExecutor):
-        return f"A worker process ended, so that a new executor is needed ({shown}),"
-    return f"The executor failed ({shown})"
 
 
 def _completed(futures: Sequence[Future[Answer]]) -> Iterator[Future[Answer]]:

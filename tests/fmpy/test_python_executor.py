@@ -16,7 +16,7 @@ import adaptive_fmu
 import numpy as np
 import pandas as pd
 import pytest
-from adaptive_fmu import Sweep, _study
+from adaptive_fmu import Sweep, _executor
 from conftest import ROOT
 from dask.distributed import Client
 from test_foreign_plants import in_c
@@ -65,7 +65,8 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
         commands = (list(map(str, command)) for command in (scheduler, workers))
         started = [subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, env=environment) for command in commands]
         try:
-            wait_for(file.exists)
+            # It is there before its text is.
+            wait_for(lambda: file.exists() and file.read_text())
             with Client(json.loads(file.read_text())["address"], timeout=60) as client:
                 client.wait_for_workers(2, timeout=60)
                 yield client
@@ -338,7 +339,7 @@ def test_a_machine_that_no_longer_answers_does_not_stop_the_sweep(monkeypatch: p
 
     monkeypatch.setattr(_study, "PATIENCE", 0.1)
     begun = time.monotonic()
-    _study._forget(Silent(), "study")
+    _executor._forget(Silent(), "study")
     assert time.monotonic() - begun < 10
 
 

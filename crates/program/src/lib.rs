@@ -42,6 +42,7 @@ pub mod simulation;
 pub mod structure;
 pub mod tuning;
 pub mod validation;
+pub mod workers;
 
 pub use adaptive_fmu_framework as framework;
 pub use adaptive_fmu_framework::{

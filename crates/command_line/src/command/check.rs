@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use adaptive_fmu::designs::{Followed, Steps, WorstCase, report_page, steps, worst_case};
+use adaptive_fmu::designs::{Cases, Followed, Steps, WorstCase, report_page, steps};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library, Source};
 use adaptive_fmu::model::Description;
@@ -16,6 +16,7 @@ use adaptive_fmu::tuning::parameter_set;
 use serde_json::json;
 
 use super::number::positive;
+use super::workers;
 
 /// Columns of names, and of values where the note stands beside them.
 const NAME: usize = 34;
@@ -27,7 +28,7 @@ const MOST_OFF: f64 = 0.05;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Description file (NAME.toml), or FMU of this package
+    /// Description file (NAME.toml), FMU that this program exported (NAME.fmu), or FMU of this package
     name: String,
     /// Shared library that contains the model [default: the one built with this program]
     #[arg(long)]
@@ -54,6 +55,9 @@ pub struct Arguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+    /// Carry out the runs of one plant of --worst-case, as JSON
+    #[arg(long, hide = true)]
+    job: Option<String>,
 }
 
 /// Prints the report; the exit code tells whether the design is sound.
@@ -63,6 +67,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let source = exporter::find_description(name)?;
     let drawn = [("plants", arguments.plants), ("seed", arguments.seed)];
     let source = source.with_nominal(drawn.into_iter().filter_map(|(key, value)| Some((key, i64::from(value?)))))?;
+    if let Some(text) = &arguments.job {
+        workers::reply(&Cases::new(&source, &*super::ready::units()?)?.squared_error(&workers::job::<Vec<f64>>(text)?));
+        return Ok(ExitCode::SUCCESS);
+    }
     let (mut unit, _) = exporter::describe(&source, &library)?;
     // Units of another library aren't known here.
     if arguments.library.is_none() {
@@ -186,7 +194,7 @@ fn summarise(steps: &Steps, peaks: &str, report: &mut DesignReport) {
 /// The worst plant, where it is searched for.
 fn search(arguments: &Arguments, source: &Source) -> Result<Option<WorstCase>, Error> {
     let seed = arguments.seed.map_or(1, u64::from);
-    let found = |seconds| worst_case(source, seconds, seed, &*super::ready::units()?);
+    let found = |seconds| Cases::new(source, &*super::ready::units()?)?.worst(seconds, seed);
     arguments.worst_case.map(found).transpose()
 }
 

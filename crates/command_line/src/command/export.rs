@@ -1,14 +1,13 @@
 //! `export`: descriptions become FMUs.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::{Mutex, Once, PoisonError};
-use std::time::SystemTime;
+use std::sync::Once;
 
 use crate::console;
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
+use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform};
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::structure::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
@@ -16,7 +15,7 @@ use serde_json::json;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// FMUs of this package, or description files (NAME.toml) [default: all FMUs of this package]
+    /// FMUs of this package, description files (NAME.toml), or folders of these [default: all FMUs of this package]
     ///
     /// With --composite or --ssp, but without --run, the default is none.
     names: Vec<String>,
@@ -85,7 +84,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let (library, content) = (chosen(library)?, Content { form: arguments.form()?, terminals: arguments.terminals });
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
-    let names = if *every || names.is_empty() && !whole_loops_only { all() } else { names.clone() };
+    let names = if *every || names.is_empty() && !whole_loops_only { all() } else { with_folders(names)? };
     let mut tried = match values {
         Some(values) => vec![export_with_values(&names, values, &library, out, &content)],
         None => export_named(&names, &library, out, &content)?,
@@ -153,6 +152,34 @@ fn all() -> Vec<String> {
     exporter::descriptions().iter().map(|(name, _)| (*name).to_owned()).collect()
 }
 
+/// The names, with the descriptions in a folder in place of that.
+fn with_folders(names: &[String]) -> Result<Vec<String>, Error> {
+    let mut all = Vec::new();
+    for name in names {
+        let folder = Path::new(name);
+        if !folder.is_dir() || exporter::descriptions().iter().any(|(known, _)| known == name) {
+            all.push(name.clone());
+            continue;
+        }
+        let files = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+        let mut files: Vec<_> = files.map_err(Error::file(folder))?.into_iter().map(|entry| entry.path()).collect();
+        files.sort();
+        let is_toml = |file: &&PathBuf| file.extension().is_some_and(|extension| extension == "toml");
+        // Other TOML files may lie there, too.
+        let describes = |file: &&PathBuf| {
+            let text = std::fs::read_to_string(file).unwrap_or_default();
+            text.lines().any(|line| line.split_once('=').is_some_and(|(key, _)| key.trim() == "model"))
+        };
+        let found: Vec<_> = files.iter().filter(is_toml).filter(describes).collect();
+        if found.is_empty() {
+            let reason = "contains no description of an FMU (NAME.toml). `adaptive-fmu new` writes one".to_owned();
+            return Err(Error::Loop { file: folder.to_owned(), reason });
+        }
+        all.extend(found.into_iter().map(|file| file.to_string_lossy().into_owned()));
+    }
+    Ok(all)
+}
+
 /// Path of an FMU or archive that was written, or the error.
 type Tried = Result<PathBuf, Error>;
 
@@ -215,41 +242,6 @@ fn export_whole(name: &str, without: &[String], library: &Library, out: &Path, c
 fn exported(structure: &Structure) -> BTreeSet<&String> {
     let exported = structure.components.iter().filter(|component| component.is_exported());
     exported.map(|component| &component.fmu).collect()
-}
-
-/// Writes the FMUs of a loop into a folder.
-pub fn export_units(
-    structure: &Structure,
-    library: &Library,
-    out: &Path,
-    terminals: bool,
-) -> Result<Vec<PathBuf>, Error> {
-    warn_of(library)?;
-    let content = Content { terminals, ..Content::default() };
-    let one = |fmu: &String| export_once(&structure.description_of(fmu)?, library, out, &content);
-    exported(structure).into_iter().map(one).collect()
-}
-
-/// Writes an FMU, unless this command wrote it before and nobody has touched it since: many of its runs have the same units.
-fn export_once(source: &Source, library: &Library, out: &Path, content: &Content) -> Tried {
-    type Written = (PathBuf, u64, SystemTime);
-    /// By where they were written to, and their descriptions.
-    static WRITTEN: Mutex<BTreeMap<(PathBuf, String, bool), Written>> = Mutex::new(BTreeMap::new());
-    let seen = |file: &Path| {
-        let found = std::fs::symlink_metadata(file).ok().filter(std::fs::Metadata::is_file)?;
-        Some((file.to_owned(), found.len(), found.modified().ok()?))
-    };
-    let all = || WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
-    let place = |out: &Path| Some((out.canonicalize().ok()?, source.text.clone(), content.terminals));
-    let before = place(out).and_then(|place| all().get(&place).cloned());
-    if let Some(before) = before.filter(|before| seen(&before.0).as_ref() == Some(before)) {
-        return Ok(before.0);
-    }
-    let file = exporter::export_as(source, library, out, content)?;
-    if let Some((place, written)) = place(out).zip(seen(&file)) {
-        all().insert(place, written);
-    }
-    Ok(file)
 }
 
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.

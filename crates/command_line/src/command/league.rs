@@ -7,13 +7,16 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::league::{Page, Pair, Record, Stage, Study, Units, advice};
 use adaptive_fmu::scratch::Scratch;
+use adaptive_fmu::workers::{Workers, employed};
 use adaptive_fmu::{begun, output, text_file};
+use serde::Deserialize;
 use serde_json::json;
 
 use super::earlier::EarlierOptions;
 use super::hosting::HostingOptions;
 use super::open::OpenOption;
 use super::progress::{self, Bars, Counter};
+use super::workers;
 use crate::console;
 
 const PAGE: &str = "index.html";
@@ -51,6 +54,9 @@ pub struct Arguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+    /// Carry out the next stage of one pair, as JSON
+    #[arg(long, hide = true)]
+    job: Option<String>,
 }
 
 /// A league with its folders.
@@ -67,6 +73,10 @@ struct League {
 /// Computes what is asked for and isn't there yet, and makes the page of all that is there.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let league = League::new(arguments)?;
+    if let Some(text) = &arguments.job {
+        workers::reply(&league.carry_out(arguments, workers::job(text)?)?);
+        return Ok(ExitCode::SUCCESS);
+    }
     if arguments.list {
         league.list(arguments)?;
         return Ok(ExitCode::SUCCESS);
@@ -182,6 +192,9 @@ impl League {
         let begun = pairs.into_iter().map(begun).collect::<Result<Vec<_>, Error>>()?;
         let bars = Bars::new(arguments.json);
         let counter = Counter::new(&bars, "league", Stage::ALL.len() * begun.len(), 0);
+        if let Some(workers) = employed() {
+            return self.hand_out(&*workers, begun.into_iter().map(|(_, record)| record), &counter);
+        }
         for (mut pair, record) in begun {
             if !self.compute_pair(&mut pair, record, &counter)? {
                 counter.clear();
@@ -222,6 +235,53 @@ impl League {
             counter.count(&format!("{name}: {}", stage.word()));
         }
         Ok(true)
+    }
+
+    /// Has workers compute the stages of all pairs, the next one of a pair when one is done.
+    fn hand_out(
+        &self,
+        workers: &dyn Workers,
+        records: impl Iterator<Item = Record>,
+        counter: &Counter,
+    ) -> Result<bool, Error> {
+        let mut waiting = 0;
+        let next = |record: &Record| {
+            let is_left = record.next().is_some();
+            if is_left {
+                workers.submit(json!(record));
+            }
+            usize::from(is_left)
+        };
+        for record in records {
+            output::make_folder(&self.out, &record.plant)?;
+            (0..record.done()).for_each(|_| counter.count(&format!("{}/{}", record.plant, record.controller)));
+            waiting += next(&record);
+        }
+        while waiting > 0 {
+            let Some(record) = workers.result().and_then(|(_, result)| Record::deserialize(result).ok()) else {
+                counter.clear();
+                return Ok(false);
+            };
+            record.write(&self.result(&record.plant, &record.controller))?;
+            counter.count(&format!("{}/{}", record.plant, record.controller));
+            waiting += next(&record);
+            waiting -= 1;
+        }
+        counter.clear();
+        Ok(true)
+    }
+
+    /// Computes the next stage of a pair, for another process.
+    fn carry_out(&self, arguments: &Arguments, mut record: Record) -> Result<Record, Error> {
+        let name = format!("{}/{}", record.plant, record.controller);
+        let wrong = |reason| Error::Loop { file: PathBuf::from(&name), reason };
+        let chosen = self.study.chosen(std::slice::from_ref(&name)).map_err(wrong)?;
+        let units = Units::new(arguments.hosting.hosting()?)?;
+        for (plant, entry) in chosen {
+            let mut pair = Pair::new(plant, entry, self.study.budget, &self.folder, &units)?;
+            pair.go_on(&mut record, &progress::is_interrupted).map_err(wrong)?;
+        }
+        Ok(record)
     }
 
     /// The file of a pair.

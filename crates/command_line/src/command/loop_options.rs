@@ -9,12 +9,13 @@ use adaptive_fmu::reproduction::linear_limit;
 use adaptive_fmu::results::{Asked, Mark, Provenance, UnitMark, Versions};
 use adaptive_fmu::sealed::checksum;
 use adaptive_fmu::simulation::LoadedLoop;
-use adaptive_fmu::structure::{Component, LoopFiles, Order, Settings, Structure, Whole, check_values, within_run};
+use adaptive_fmu::structure::{LoopFiles, Order, Settings, Structure, Whole, check_values, within_run};
 
-use super::export::{export_units, warn_of};
+use super::export::warn_of;
 use super::hosting::HostingOptions;
 use super::number::positive;
 use super::parameters::Parameters;
+use crate::console;
 
 /// A part of a communication step below this is rounding.
 const LEAST_STEP: f64 = 1e-6;
@@ -29,10 +30,10 @@ pub struct LoopOptions {
     /// to LOOP-composite-sweep.
     #[arg(long, conflicts_with_all = ["order", "fmus", "accept_algebraic_loops"])]
     pub composite: bool,
-    /// Folder with FMUs to use as they are [default: those that the loop names, or new exports in fmus/]
+    /// Folder with FMUs to use as they are [default: those that the loop names, or new exports]
     ///
     /// By default, FMUs come from where the loop names them, in its resources/ or elsewhere. An FMU that is not there
-    /// is generated from its description, either next to the loop or of this package, and exported anew into fmus/.
+    /// is generated from its description, either next to the loop or of this package, and exported anew for the run.
     #[arg(long)]
     pub fmus: Option<PathBuf>,
     /// Communication step, s [default: the loop's own]
@@ -50,7 +51,7 @@ pub struct LoopOptions {
     /// Allow algebraic loops; each component uses the outputs of the previous exchange
     #[arg(long)]
     pub accept_algebraic_loops: bool,
-    /// Add terminalsAndIcons.xml to the FMUs that are exported, as `export --terminals` does
+    /// Add terminalsAndIcons.xml to the FMUs that `explore` stores, as `export --terminals` does
     #[arg(long)]
     pub terminals: bool,
     #[command(flatten)]
@@ -192,17 +193,11 @@ impl LoopOptions {
         if let Some(fmus) = self.fmus.clone() {
             return Ok(Units::Separate(fmus));
         }
-        // Units that only this run has aren't left in a folder.
-        if let Some(ready) = if self.linear { Some(super::ready::units()?) } else { super::ready::kept() } {
-            return Ok(Units::Ready(ready));
+        let ready = super::ready::units()?;
+        if !console::serves() {
+            warn_of(ready.library())?;
         }
-        let fmus = PathBuf::from("fmus");
-        if !structure.components.iter().any(Component::is_exported) {
-            return Ok(Units::Separate(fmus));
-        }
-        // A loop must not show the numbers of units that were exported before an equation was changed.
-        export_units(structure, &*super::ready::library()?, &fmus, self.terminals)?;
-        Ok(Units::Separate(fmus))
+        Ok(Units::Ready(ready))
     }
 }
 

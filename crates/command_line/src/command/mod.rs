@@ -40,3 +40,4 @@ mod trim;
 pub mod tune;
 mod tuned;
 pub mod validate;
+mod workers;

@@ -3,27 +3,11 @@
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::Library;
 use adaptive_fmu::fmu::Ready;
 
 static KEPT: Mutex<Option<Arc<Ready>>> = Mutex::new(None);
 /// Those that a command of many runs holds until its end.
 static HELD: Mutex<Weak<Ready>> = Mutex::new(Weak::new());
-/// What FMUs in a folder are made of.
-static LIBRARY: Mutex<Option<Arc<Library>>> = Mutex::new(None);
-
-/// The library that FMUs in a folder are made of, for all platforms that there is one for: read once for all runs of a
-/// command.
-///
-/// # Errors
-/// When there is none.
-pub fn library() -> Result<Arc<Library>, Error> {
-    let mut library = LIBRARY.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(library) = &*library {
-        return Ok(Arc::clone(library));
-    }
-    Ok(Arc::clone(library.insert(Arc::new(Library::beside_program()?.with_other_platforms()?))))
-}
 
 /// From now on they are kept. Where none can be had, each command tells why itself.
 pub fn keep() {

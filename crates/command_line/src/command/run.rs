@@ -7,10 +7,9 @@ use std::time::{Duration, Instant};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::figures::{Diagram, terminal};
 use adaptive_fmu::output;
-use adaptive_fmu::report::number;
 use adaptive_fmu::results::{
     Ended, Ending, METRICS, Measured, Provenance, Recorder, Report, TABLE, TablePlace, Tabled, Thinned, UnitMark,
-    Verdict,
+    Verdict, four_digits,
 };
 use adaptive_fmu::simulation::Recording;
 use adaptive_fmu::structure::{LoopFiles, Settings, Structure};
@@ -293,11 +292,7 @@ fn print(done: &Run, json: bool, further: Option<(&str, Value)>) -> Result<(), S
     }
     say!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
     for Measured { label, value, limit } in measured {
-        let value = value.map_or("–".to_owned(), |value| match value.abs() {
-            // Decimals would show nothing of it.
-            size if 0.0 < size && size < 1e-3 => number(value),
-            _ => format!("{value:.5}"),
-        });
+        let value = value.map_or("–".to_owned(), four_digits);
         say!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
     }
     recording.warnings.iter().for_each(|warning| aside!("warning: {warning}"));

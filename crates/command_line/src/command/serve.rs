@@ -4,19 +4,23 @@
 //! A request is `{"request": NUMBER, "arguments": [...], "folder": FOLDER}`: what a command line would hold, and where it would
 //! be given. `{"stop": NUMBER}` interrupts that request. What comes back are messages ([`console`]): `text` and `note` are
 //! lines of the two streams, `progress` and `recording` (with numbers behind it) come as they are there, `end` is the exit code.
-//! Whatever a line is but a `stop`, it has an `end`.
+//! Whatever a line is but a `stop` or a result, it has an `end`. A request with `"workers": true` may send `job` messages; the
+//! result of each comes back as `{"done": NUMBER, "result": TEXT}`.
 
 use std::io::{BufRead, stdin};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 use std::{env, thread};
 
 use adaptive_fmu::simulation::Recording;
+use adaptive_fmu::workers::{Workers, employ};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::workers::{self, OfRequest};
 use super::{progress, ready};
 use crate::console;
 
@@ -33,6 +37,7 @@ type Asked = Result<Request, String>;
 enum Line {
     Request(Request),
     Stop { stop: u64 },
+    Done { done: u64, result: String },
 }
 
 #[derive(Deserialize)]
@@ -40,6 +45,8 @@ struct Request {
     request: u64,
     arguments: Vec<String>,
     folder: PathBuf,
+    #[serde(default)]
+    workers: bool,
 }
 
 /// Answers requests, a command line each, until there are no more.
@@ -49,7 +56,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
     let (sender, requests) = channel();
     thread::spawn(move || listen(&sender));
     while let Some(asked) = next(&requests) {
-        let Request { request, arguments, folder } = match asked {
+        let Request { request, arguments, folder, workers } = match asked {
             Ok(request) => request,
             // Who asked waits for the end all the same.
             Err(reason) => {
@@ -59,6 +66,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
             }
         };
         progress::answer(request);
+        employ(workers.then(|| Arc::new(OfRequest::new()) as Arc<dyn Workers>));
         let words: Vec<String> = [env!("CARGO_BIN_NAME").to_owned()].into_iter().chain(arguments).collect();
         let code = match env::set_current_dir(&folder) {
             Ok(()) => answer(&words),
@@ -96,6 +104,8 @@ fn listen(sender: &Sender<Asked>) {
                 }
             }
             Ok(Line::Stop { stop }) => progress::stop(stop),
+            // One that can't be read is none: its job stays without a result.
+            Ok(Line::Done { done, result }) => workers::take(done, serde_json::from_str(&result).unwrap_or_default()),
             Err(error) => {
                 let line = String::from_utf8_lossy(&line);
                 if sender.send(Err(format!("the request can't be read ({error}): {line}"))).is_err() {

@@ -9,6 +9,7 @@ use adaptive_fmu::analysis::{Axis, Point, Sweep, SweepPage};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
+use adaptive_fmu::results::four_digits;
 use adaptive_fmu::sealed::{self, Sealed, differing};
 use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::text_file::csv_field;
@@ -162,14 +163,15 @@ impl Task {
 
     /// All runs that were made, a line each.
     fn csv(&self, points: &[Option<Point>]) -> String {
+        let shown: Vec<_> = self.sweep.metrics(points).collect();
         let names = self.sweep.axes().iter().map(|axis| axis.name.as_str());
-        let names = names.chain(["ended"]).chain(self.sweep.labels()).chain(["message"]);
+        let names = names.chain(["ended"]).chain(shown.iter().map(|(_, label)| *label)).chain(["message"]);
         let mut csv = names.map(csv_field).collect::<Vec<_>>().join(",") + "\n";
-        for (run, Point { failure, metrics, .. }) in made(points) {
-            let metrics = metrics.iter().map(|value| value.map_or(String::new(), |value| value.to_string()));
+        for (run, point) in made(points) {
+            let metrics = shown.iter().map(|(k, _)| point.metric(*k).map_or(String::new(), |value| value.to_string()));
             let values = self.sweep.values(run).into_iter().map(str::to_owned);
-            let ended = ended(failure.as_ref()).to_owned();
-            let fields = values.chain([ended]).chain(metrics).chain([failure.clone().unwrap_or_default()]);
+            let ended = ended(point.failure.as_ref()).to_owned();
+            let fields = values.chain([ended]).chain(metrics).chain([point.failure.clone().unwrap_or_default()]);
             let fields: Vec<_> = fields.map(|field| csv_field(&field).into_owned()).collect();
             csv.push_str(&(fields.join(",") + "\n"));
         }
@@ -186,7 +188,8 @@ impl Task {
             say!("{}", self.told(points, folder));
             return;
         }
-        let head = self.sweep.axes().iter().map(|axis| axis.name.as_str()).chain(self.sweep.labels());
+        let shown: Vec<_> = self.sweep.metrics(points).collect();
+        let head = self.sweep.axes().iter().map(|axis| axis.name.as_str()).chain(shown.iter().map(|(_, label)| *label));
         let head: Vec<&str> = head.collect();
         let widths: Vec<usize> = head.iter().map(|name| name.chars().count().max(12)).collect();
         let line = |cells: Vec<String>| {
@@ -196,8 +199,7 @@ impl Task {
         say!("{}", line(head.into_iter().map(str::to_owned).collect()));
         for (run, point) in made(points).take(MOST_ROWS) {
             let values = self.sweep.values(run).into_iter().map(str::to_owned);
-            let metrics =
-                point.metrics.iter().map(|value| value.map_or("–".to_owned(), |value| format!("{value:.5}")));
+            let metrics = shown.iter().map(|(k, _)| point.metric(*k).map_or("–".to_owned(), four_digits));
             let failed = point.failure.as_ref().map_or("", |_| "  failed");
             say!("{}{failed}", line(values.chain(metrics).collect()));
         }
@@ -208,9 +210,9 @@ impl Task {
     }
 
     fn told(&self, points: &[Option<Point>], folder: &Path) -> Value {
+        let shown: Vec<_> = self.sweep.metrics(points).collect();
         let point = |(run, point): (usize, &Point)| {
-            let labels = self.sweep.labels().map(str::to_owned);
-            let metrics = labels.zip(point.metrics.iter().map(|value| json!(value)));
+            let metrics = shown.iter().map(|(k, label)| ((*label).to_owned(), json!(point.metric(*k))));
             let names = self.sweep.axes().iter().map(|axis| axis.name.clone());
             let values = names.zip(self.sweep.values(run).into_iter().map(|value| json!(value)));
             json!({ "values": values.collect::<serde_json::Map<_, _>>(), "ended": ended(point.failure.as_ref()),

@@ -9,7 +9,8 @@ use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::Library;
 use adaptive_fmu::structure::composite as composite_of;
 use adaptive_fmu::structure::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
-use adaptive_fmu::tuning::{Best, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
+use adaptive_fmu::tuning::{Best, Job, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
+use adaptive_fmu::workers::employed;
 use adaptive_fmu::{output, parallel};
 
 use super::earlier::EarlierOptions;
@@ -17,6 +18,7 @@ use super::loop_options::LoopOptions;
 use super::number::positive;
 use super::progress::{self, Bars, Counter};
 use super::tuned::{CONVERGENCE, TUNED, Tuned, print, write_results};
+use super::workers;
 
 /// Written after every generation.
 pub const RECORD: &str = "search.json";
@@ -70,6 +72,9 @@ pub struct Arguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+    /// Carry out one run of a search, as JSON
+    #[arg(long, hide = true)]
+    job: Option<String>,
 }
 
 #[derive(clap::Args)]
@@ -122,6 +127,13 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     arguments.options.check(&arguments.name)?;
     let form = Form::of(arguments, &files)?;
     let task = Task::new(arguments, &files, &form)?;
+    if let Some(text) = &arguments.job {
+        let Job { position, bound } = workers::job(text)?;
+        let bound = bound.unwrap_or(f64::INFINITY);
+        let outcomes = task.search.run_here(&[&position], &[bound], |_| (), progress::is_interrupted);
+        workers::reply(&outcomes[0]);
+        return Ok(ExitCode::SUCCESS);
+    }
     let below = format!("{}-tuned{}", task.structure.name, arguments.earlier.suffix());
     let folder = arguments.out.join(&below);
     output::check(&arguments.out, &below, &[RECORD, TUNED, CONVERGENCE])?;
@@ -266,6 +278,8 @@ impl Task {
         let first = units.load(structure, &hosting)?;
         let run = options.provenance(&arguments.name, files, structure, settings, &first)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
+        // The loop of one run; where workers have the runs, that of none.
+        let threads = if arguments.job.is_some() || employed().is_some() { 1 } else { threads };
         let further = if first.can_be_multiplied() { threads - 1 } else { 0 };
         let mut loops = vec![first];
         for _ in 0..further {
@@ -304,7 +318,7 @@ impl Task {
 
     fn as_it_is(&self) -> Option<Before> {
         let values = self.search.present()?;
-        let outcomes = self.search.run(&[&values], &[f64::INFINITY], |_| (), progress::is_interrupted);
+        let outcomes = self.search.run_here(&[&values], &[f64::INFINITY], |_| (), progress::is_interrupted);
         Some(Before { objective: outcomes.first().and_then(Outcome::value), values })
     }
 
@@ -360,7 +374,7 @@ impl Task {
         let search =
             Search::new(structure.clone(), settings, objective.clone(), &parameters, vec![loaded]).map_err(wrong)?;
         let others = Others { options, structure: structure.clone(), settings, threads: 1 };
-        let outcomes = search.worst_of(others.all(asked, &objective, &parameters)?).run(
+        let outcomes = search.worst_of(others.all(asked, &objective, &parameters)?).run_here(
             &[&best.position],
             &[f64::INFINITY],
             |_| (),

@@ -7,8 +7,9 @@ use std::cell::RefCell;
 use std::time::Instant;
 
 use adaptive_fmu::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
+use common::description;
+use common::sample::sampled_names;
 use common::sequences::{Subject, Tally};
-use common::{description, description_names};
 use proptest::collection::vec;
 use proptest::prelude::any;
 use proptest::strategy::Strategy;
@@ -21,7 +22,7 @@ const LONGEST: usize = 120;
 
 #[test]
 fn no_sequence_of_calls_breaks_a_unit_or_makes_it_lie() {
-    let names = description_names();
+    let names = sampled_names();
     let asked = std::env::var("CALLS").ok().map(|text| text.parse::<u64>().expect("CALLS is a number"));
     let each = asked.map_or(FEW, |calls| calls / (2 * names.len()) as u64);
     let tally = RefCell::new(Tally::default());

@@ -14,7 +14,7 @@ pub use page::{figures, page, report_page};
 pub use rank::{ranked, shortfall};
 pub use series::{Course, Followed};
 pub use trial::Noise;
-pub use worst_case::{Steps, WorstCase, steps, worst_case};
+pub use worst_case::{Cases, Steps, WorstCase, steps};
 
 use crate::error::Error;
 use crate::scratch::Scratch;

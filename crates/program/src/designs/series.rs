@@ -1,9 +1,6 @@
 //! The course of a loop while one of its references steps.
 
-/// A signal of size 1 has settled within this of its end.
-const SETTLED: f64 = 0.02;
-/// A loop whose outputs leave that band later than at this part of its run hasn't settled.
-const RESTING: f64 = 0.9;
+use crate::results::StepResponse;
 
 /// The course of a loop, all signals at the same times.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -37,25 +34,17 @@ impl Course {
 
     /// Figures of a step of the reference of output `i`, where outputs have steps of these sizes.
     pub fn followed(&self, i: usize, sizes: &[f64]) -> Followed {
-        let ends: Vec<_> = self.outputs.iter().map(|y| y.last().copied().unwrap_or(f64::NAN)).collect();
-        let stays = |k: usize| {
-            let each = self.outputs.iter().zip(&ends).zip(sizes);
-            each.clone().all(|((y, end), size)| (y[k] - end).abs() <= SETTLED * size)
+        let figures = |(y, size): (&Vec<f64>, &f64)| {
+            let mut response = StepResponse::new(0.0, *size, self.times.first().copied().unwrap_or_default());
+            self.times.iter().zip(y).for_each(|(time, value)| response.add(*time, *value));
+            response.figures()
         };
-        let settled = (0..self.times.len()).rev().take_while(|&k| stays(k)).last();
-        let (first, last) = (self.times.first(), self.times.last());
-        let duration = first.zip(last).map_or(0.0, |(first, last)| last - first);
-        let since = |k: usize| if k == 0 { 0.0 } else { self.times[k] - self.times[0] };
-        let settling = settled.map(since).filter(|time| *time <= RESTING * duration);
-        let highest = self.outputs[i].iter().copied().fold(0.0, f64::max);
+        let all: Vec<_> = self.outputs.iter().zip(sizes).map(figures).collect();
+        let settling =
+            all.iter().map(|one| one.as_ref()?.settling).try_fold(0.0, |latest, one| Some(f64::max(latest, one?)));
+        let (overshoot, end) = all[i].map_or((0.0, f64::NAN), |one| (one.overshoot, one.end));
         let size = |u: &Vec<f64>| u.iter().map(|value| value.abs()).fold(0.0, f64::max);
-        Followed {
-            settling,
-            // What rounding leaves is none.
-            overshoot: Some(highest / sizes[i] - 1.0).filter(|part| *part > 1e-6).unwrap_or(0.0),
-            off: (ends[i] / sizes[i] - 1.0).abs(),
-            peaks: self.controls.iter().map(size).collect(),
-        }
+        Followed { settling, overshoot, off: (end - 1.0).abs(), peaks: self.controls.iter().map(size).collect() }
     }
 
     /// The standard deviation of each control in the last half.

@@ -21,6 +21,7 @@ use crate::scratch::Scratch;
 use crate::system::Words;
 use crate::template::{Plant, Signals};
 use crate::tuning::{Motion, Swarm};
+use crate::workers::{employed, results};
 
 /// Particles of the swarm.
 const PARTICLES: usize = 24;
@@ -53,47 +54,86 @@ pub struct Steps {
     pub has_others: bool,
 }
 
-/// Searches for some time, by a particle swarm, for the plant within the bounds of `[nominal]` with the largest integral of the
-/// squared error of steps of the references; one whose loop fails ends the search.
-///
-/// # Errors
-/// When the description has no uncertain plant, or its loop can't be closed by the names of its signals.
-pub fn worst_case(source: &Source, seconds: f64, seed: u64, units: &Ready) -> Result<WorstCase, Error> {
-    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-    let (description, nominal) = nominal_of(source)?;
-    let bounds = bounds(&nominal).ok_or_else(|| refuse("[nominal] has no uncertainty".to_owned()))?;
-    let scratch = Scratch::new()?;
-    let (trial, _) = closed(&description, source, &nominal, scratch.path(), units)?;
-    let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
-    let count = bounds.dimensions();
-    let mut swarm = Swarm::new(PARTICLES, vec![(-1.0, 1.0); count], Some(vec![0.0; count]), Motion::default(), seed);
-    // What fails with the nominal plant isn't a plant's fault.
-    trial.course(0, None, duration)?;
-    let (begun, mut tried) = (Instant::now(), 0);
-    let threads = vec![(); parallel::cores()];
-    loop {
-        let positions = swarm.positions();
-        let plants: Vec<_> = positions.iter().map(|position| plant_at(&nominal, &bounds, position)).collect();
-        let values = parallel::each(&threads, plants.len(), |(), k| trial.squared_error(&plants[k], duration));
-        tried += values.len();
-        if let Some(k) = values.iter().position(Result::is_err) {
-            let followed = trial.steps(Some(&plants[k]), duration).map(|(followed, _)| followed);
-            return Ok(WorstCase {
-                plant: plants[k].clone(),
-                followed: followed.map_err(|error| error.to_string()),
-                tried,
-            });
-        }
-        let values: Vec<_> = values.into_iter().map(|value| value.ok().map(|error| -error)).collect();
-        swarm.tell(&values);
-        if begun.elapsed() >= Duration::from_secs_f64(seconds) {
-            break;
-        }
+/// The loop of a description, to be run with plants within the bounds of `[nominal]`.
+#[derive(Debug)]
+pub struct Cases {
+    nominal: NominalPlant,
+    bounds: Bounds,
+    trial: Trial,
+    duration: f64,
+    /// Its FMUs lie there.
+    _scratch: Scratch,
+}
+
+impl Cases {
+    /// The loop of a description.
+    ///
+    /// # Errors
+    /// When the description has no uncertain plant, or its loop can't be closed by the names of its signals.
+    pub fn new(source: &Source, units: &Ready) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+        let (description, nominal) = nominal_of(source)?;
+        let bounds = bounds(&nominal).ok_or_else(|| refuse("[nominal] has no uncertainty".to_owned()))?;
+        let scratch = Scratch::new()?;
+        let (trial, _) = closed(&description, source, &nominal, scratch.path(), units)?;
+        let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
+        Ok(Cases { nominal, bounds, trial, duration, _scratch: scratch })
     }
-    let best = swarm.best().map(|best| best.position.clone()).unwrap_or_default();
-    let plant = plant_at(&nominal, &bounds, &best);
-    let followed = trial.steps(Some(&plant), duration).map(|(followed, _)| followed);
-    Ok(WorstCase { plant, followed: followed.map_err(|error| error.to_string()), tried })
+
+    /// The integral of the squared error of steps of the references with a plant; 0 is the nominal one, −1 and 1 are bounds.
+    ///
+    /// # Errors
+    /// Why its loop fails.
+    pub fn squared_error(&self, place: &[f64]) -> Result<f64, String> {
+        let found = self.trial.squared_error(&plant_at(&self.nominal, &self.bounds, place), self.duration);
+        found.map_err(|error| error.to_string())
+    }
+
+    /// The same of many, on all threads or by the workers of the command; fewer where the command is to stop.
+    fn squared_errors(&self, places: &[&[f64]]) -> Vec<Result<f64, String>> {
+        if let Some(workers) = employed() {
+            return results(&*workers, places, |_, _| ()).into_iter().map_while(|value| value).collect();
+        }
+        parallel::each(&vec![(); parallel::cores()], places.len(), |(), k| self.squared_error(places[k]))
+    }
+
+    fn found(&self, place: &[f64], tried: usize) -> WorstCase {
+        let plant = plant_at(&self.nominal, &self.bounds, place);
+        let followed = self.trial.steps(Some(&plant), self.duration).map(|(followed, _)| followed);
+        WorstCase { plant, followed: followed.map_err(|error| error.to_string()), tried }
+    }
+
+    /// Searches for some time, by a particle swarm, for the plant with the largest integral of the squared error of steps of the
+    /// references; one whose loop fails ends the search.
+    ///
+    /// # Errors
+    /// When the loop fails with the nominal plant.
+    pub fn worst(&self, seconds: f64, seed: u64) -> Result<WorstCase, Error> {
+        let count = self.bounds.dimensions();
+        let mut swarm =
+            Swarm::new(PARTICLES, vec![(-1.0, 1.0); count], Some(vec![0.0; count]), Motion::default(), seed);
+        // What fails with the nominal plant isn't a plant's fault.
+        self.trial.course(0, None, self.duration)?;
+        let (begun, mut tried) = (Instant::now(), 0);
+        loop {
+            let positions = swarm.positions();
+            let values = self.squared_errors(&positions);
+            tried += values.len();
+            if let Some(k) = values.iter().position(Result::is_err) {
+                return Ok(self.found(positions[k], tried));
+            }
+            if values.len() < positions.len() {
+                break;
+            }
+            let values: Vec<_> = values.into_iter().map(|value| value.ok().map(|error| -error)).collect();
+            swarm.tell(&values);
+            if begun.elapsed() >= Duration::from_secs_f64(seconds) {
+                break;
+            }
+        }
+        let best = swarm.best().map_or_else(|| vec![0.0; count], |best| best.position.clone());
+        Ok(self.found(&best, tried))
+    }
 }
 
 /// Steps of the references in the loop of a description and its nominal plant, by runs of the FMUs: with the limits of the

@@ -16,6 +16,8 @@ use crate::simulation::Inputs;
 
 pub use result::{Estimated, Found};
 
+pub use objective::{Done, Job};
+
 use objective::Simulated;
 
 /// Steps of the search at most.
@@ -89,6 +91,18 @@ impl Task<'_> {
         };
         let fit = search(&simulated, &start, STEPS).ok_or_else(refuse)?;
         simulated.found(&fit).ok_or_else(refuse)
+    }
+
+    /// Carries out a job of a search of another process.
+    ///
+    /// # Errors
+    /// Names that the FMU lacks, start values outside of ranges, or a job of another task.
+    pub fn carry_out(&self, job: &Job) -> Result<Done, Error> {
+        let simulated = Simulated::new(self, self.unknowns()?)?;
+        if job.record >= self.records.len() || job.point.len() != simulated.unknowns.len() {
+            return Err(Error::Argument(Invalid::because("the job is one of other records")));
+        }
+        Ok(simulated.carry_out(job))
     }
 
     fn unknowns(&self) -> Result<Vec<Unknown>, Error> {

@@ -2,6 +2,7 @@
 
 use adaptive_fmu_identification::marquardt::{Objective, Sums, Value};
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::{Recorded, Task, Unknown};
 use crate::error::{Error, Invalid};
@@ -9,6 +10,7 @@ use crate::fmu::{SHOWS_VARIABLES, set_starts};
 use crate::near;
 use crate::parallel;
 use crate::report::number;
+use crate::workers::{employed, results};
 
 /// Differences are of so large a part of what an unknown is scaled with.
 const DIFFERENCE: f64 = 1e-4;
@@ -21,6 +23,18 @@ pub(super) struct Simulated<'a> {
     /// Rows of each record that the search sees.
     pub seen: Vec<usize>,
 }
+
+/// A run for a worker.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Job {
+    /// Place of the record.
+    pub record: usize,
+    /// Values of the unknowns.
+    pub point: Vec<f64>,
+}
+
+/// Its result: outputs, one after the other at each row, or why it failed.
+pub type Done = Result<Vec<f64>, String>;
 
 /// Outputs of all records: a row an output, a column a row of the record.
 type Courses = Vec<DMatrix<f64>>;
@@ -47,6 +61,32 @@ impl<'a> Simulated<'a> {
     /// The outputs at a point.
     pub fn outputs_at(&self, point: &[f64]) -> Result<Courses, Error> {
         (0..self.task.records.len()).map(|record| self.simulate(record, point)).collect()
+    }
+
+    /// The outputs at each of some points, on all threads or by the workers of the command; `None` where a run fails.
+    fn outputs_at_each(&self, points: &[Vec<f64>]) -> Vec<Option<Courses>> {
+        let records = self.task.records.len();
+        let Some(workers) = employed() else {
+            let threads = vec![(); parallel::cores()];
+            return parallel::each(&threads, points.len(), |(), k| self.outputs_at(&points[k]).ok());
+        };
+        let jobs = points
+            .iter()
+            .flat_map(|point| (0..records).map(|record| Job { record, point: point.clone() }))
+            .collect::<Vec<_>>();
+        let made: Vec<Option<Done>> = results(&*workers, jobs, |_, _| ());
+        let course = |done: &Option<Done>| {
+            let columns = done.as_ref()?.as_ref().ok()?;
+            let rows = self.references.len();
+            Some(DMatrix::from_column_slice(rows, columns.len() / rows.max(1), columns))
+        };
+        made.chunks(records.max(1)).map(|of_point| of_point.iter().map(course).collect()).collect()
+    }
+
+    /// Carries out a job: the outputs of a record at a point, column by column, or why the run fails.
+    pub fn carry_out(&self, Job { record, point }: &Job) -> Done {
+        let outputs = self.simulate(*record, point).map_err(|error| error.to_string());
+        outputs.map(|outputs| outputs.as_slice().to_vec())
     }
 
     fn simulate(&self, place: usize, point: &[f64]) -> Result<DMatrix<f64>, Error> {
@@ -110,7 +150,7 @@ impl<'a> Simulated<'a> {
 
     /// Residuals of what the search sees.
     pub fn residuals(&self, point: &[f64]) -> Option<Courses> {
-        let courses = self.outputs_at(point).ok()?;
+        let courses = self.outputs_at_each(&[point.to_vec()]).pop()??;
         Some(
             courses
                 .iter()
@@ -128,9 +168,7 @@ impl<'a> Simulated<'a> {
             at
         };
         let points: Vec<_> = (0..point.len()).flat_map(|k| [moved(k, 1.0), moved(k, -1.0)]).collect();
-        let threads = vec![(); parallel::cores()];
-        let all = parallel::each(&threads, points.len(), |(), k| self.outputs_at(&points[k]).ok());
-        let mut all = all.into_iter();
+        let mut all = self.outputs_at_each(&points).into_iter();
         let mut derivatives = Vec::new();
         while let (Some(above), Some(below)) = (all.next(), all.next()) {
             let of = |(record, (above, below)): (usize, (DMatrix<f64>, DMatrix<f64>))| {

@@ -115,15 +115,27 @@ pub fn name_of_whole(name: &str) -> String {
     format!("Loop_{}", name.chars().map(plain).collect::<String>())
 }
 
-/// The description of one of this package's FMUs, or of a TOML file.
+/// The description of one of this package's FMUs, of a TOML file, or within an FMU that this program exported.
 ///
 /// # Errors
-/// When there is no such FMU or file.
+/// When there is no such FMU or file, or the FMU is of another tool.
 pub fn find_description(name: &str) -> Result<Source, Error> {
     let path = Path::new(name);
     if path.extension().is_some_and(|extension| extension == "toml") {
         let text = text_file::read(path).map_err(Error::file(path))?;
         return Ok(Source::read(path.to_owned(), text));
+    }
+    if path.extension().is_some_and(|extension| extension == "fmu") {
+        let text = read_entry(path, "resources/description.toml").map_err(|error| match error {
+            Error::Archive { file, reason } if reason.contains("description.toml") => Error::Archive {
+                file,
+                reason: "contains no description of this program, so it is of another tool. `adaptive-fmu info` shows its variables, \
+                         `adaptive-fmu validate` checks it against the standard"
+                    .to_owned(),
+            },
+            other => other,
+        })?;
+        return Ok(Source::read(path.with_extension("toml"), text));
     }
     let found = descriptions().iter().find(|(known, _)| *known == name);
     let (name, text) = found.ok_or_else(|| {

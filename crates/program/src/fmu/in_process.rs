@@ -16,6 +16,9 @@ use crate::exporter::with_causes;
 use crate::fmi2::calls::Function;
 use crate::fmi2::types::{CallbackFunctions, Component, EventInfo};
 
+/// Part of the message of a system that loads no code from a file system.
+const NO_CODE: &str = "failed to map segment";
+
 /// A function of the library, before it has the type that the standard gives its name.
 pub(super) type Symbol = unsafe extern "C" fn();
 
@@ -138,13 +141,26 @@ impl Binary {
     }
 }
 
+/// The reason why a library isn't loaded, with advice where its file system allows no code.
+fn why(error: &dyn std::error::Error) -> String {
+    let reason = with_causes(error);
+    if !reason.contains(NO_CODE) {
+        return reason;
+    }
+    let folder = std::env::temp_dir();
+    format!(
+        "{reason}. The file system of {} is mounted noexec: set TMPDIR to a folder on a file system that allows programs",
+        folder.display()
+    )
+}
+
 /// Loads a library, and Python before it where it is in Python.
 ///
 /// # Safety
 /// The library's initialisers are run.
 unsafe fn open(path: &Path) -> Result<Library, String> {
     // SAFETY: as this function asks of its caller.
-    let opened = unsafe { Library::new(path) }.map_err(|error| with_causes(&error));
+    let opened = unsafe { Library::new(path) }.map_err(|error| why(&error));
     // Its initialisers may have moved the process, and there are other files to be read.
     begun::restore();
     #[cfg(unix)]
@@ -153,7 +169,7 @@ unsafe fn open(path: &Path) -> Result<Library, String> {
     {
         super::python::load()?;
         // SAFETY: likewise.
-        return unsafe { Library::new(path) }.map_err(|error| with_causes(&error));
+        return unsafe { Library::new(path) }.map_err(|error| why(&error));
     }
     opened
 }

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use super::overview::four_digits;
 use super::report::Report;
 use crate::drawing::escaped;
 use crate::figures::{Diagram, Given, Part, Shown, beginning, bound, ending, push_diagrams, time_label};
@@ -38,7 +39,7 @@ impl Comparison<'_> {
 
     /// The table of metrics for a terminal.
     pub fn table(&self) -> String {
-        let number = |value: &Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.5}"));
+        let number = |value: &Option<f64>| value.map_or("–".to_owned(), four_digits);
         let width = self.runs.iter().map(|run| run.structure.name.len()).max().unwrap_or(0).max(12);
         let names: Vec<_> = self.runs.iter().map(|run| format!("{:>width$}", run.structure.name)).collect();
         let mut text = format!("{:32} {}\n", "", names.join(" "));
@@ -140,7 +141,7 @@ impl Comparison<'_> {
         for (label, values) in self.metrics() {
             let _ = write!(page, "\n<tr><td>{}", escaped(&label));
             for value in values {
-                let value = value.map_or("–".to_owned(), |value| format!("{value:.5}"));
+                let value = value.map_or("–".to_owned(), four_digits);
                 let _ = write!(page, "<td class=\"number\">{value}");
             }
         }

@@ -1,26 +1,10 @@
 //! Numbers that judge a run.
 
 use super::ideal::Ideals;
+use super::measured::Measured;
+use super::steps::Steps;
 use crate::simulation::{Recording, place};
 use crate::structure::{Metric, PerformanceFunction, Statistic, Structure};
-
-/// A measured metric.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Measured {
-    /// What it is.
-    pub label: String,
-    /// Its value; none where no time was left to measure in.
-    pub value: Option<f64>,
-    /// The largest value that is as it should be.
-    pub limit: Option<f64>,
-}
-
-impl Measured {
-    /// True if it is within its limit; none where there is no limit, or no value yet.
-    pub fn holds(&self) -> Option<bool> {
-        self.limit.zip(self.value).map(|(limit, value)| value <= limit)
-    }
-}
 
 /// Adds the ideal models to a recording, then measures.
 ///
@@ -37,6 +21,7 @@ pub fn measure(structure: &Structure, recording: &mut Recording) -> Result<Vec<M
 pub struct Meter {
     ideals: Ideals,
     gauges: Vec<Gauge>,
+    steps: Steps,
     /// When the run starts, s.
     start: Option<f64>,
 }
@@ -50,7 +35,12 @@ impl Meter {
         let ideals = Ideals::new(&structure.models, recording)?;
         let gauge = |metric| Gauge::new(metric, &recording.names);
         let gauges = structure.metrics.iter().map(gauge).collect::<Result<_, _>>()?;
-        Ok(Meter { ideals, gauges, start: None })
+        Ok(Meter { ideals, gauges, steps: Steps::new(structure, recording), start: None })
+    }
+
+    /// The labels of all metrics that there may be: some only where a reference steps.
+    pub fn labels(&self) -> Vec<String> {
+        self.gauges.iter().map(|gauge| gauge.metric.label.clone()).chain(self.steps.labels()).collect()
     }
 
     /// Adds the ideal models to further points, and measures them.
@@ -59,12 +49,13 @@ impl Meter {
         if let Some(&first) = points.times.first() {
             let start = *self.start.get_or_insert(first);
             self.gauges.iter_mut().for_each(|gauge| gauge.add(points, start));
+            self.steps.add(points);
         }
     }
 
-    /// What came of it.
+    /// The loop's metrics, then those of the references that stepped.
     pub fn measured(self) -> Vec<Measured> {
-        self.gauges.into_iter().map(Gauge::measured).collect()
+        self.gauges.into_iter().map(Gauge::measured).chain(self.steps.measured()).collect()
     }
 }
 

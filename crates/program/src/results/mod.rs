@@ -3,20 +3,25 @@
 mod comparison;
 mod ideal;
 mod kept;
+mod measured;
 mod metrics;
 mod overview;
 mod provenance;
 mod recorded;
 mod recorder;
 mod report;
+mod step_response;
+mod steps;
 mod table;
 
 pub use comparison::Comparison;
+pub use measured::Measured;
 pub(crate) use metrics::Difference;
-pub use metrics::{Measured, Meter, measure};
+pub use metrics::{Meter, measure};
 pub use overview::{Row, Verdict, four_digits, table};
 pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
 pub use recorded::{FILES, METRICS, Recorded, RecordedRun, told};
 pub use recorder::{Ended, Recorder, TablePlace, Tabled};
 pub use report::{Ending, Report, Thinned};
+pub(crate) use step_response::StepResponse;
 pub use table::{PARQUET, TABLE, Table, TableMark, TableMarks};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::metrics::Measured;
+use super::measured::Measured;
 use super::provenance::{FORMAT, Provenance};
 use super::report::{Ending, Report, Thinned};
 use super::table::{PARQUET, TABLE, TableMarks};

@@ -5,7 +5,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::kept::Kept;
-use super::metrics::{Measured, Meter, measure};
+use super::measured::Measured;
+use super::metrics::{Meter, measure};
 use super::report::Thinned;
 use super::table::{Table, TableMarks};
 use crate::error::Error;

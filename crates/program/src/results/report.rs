@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use super::metrics::Measured;
+use super::measured::Measured;
+use super::overview::four_digits;
 use super::table::TABLE;
 use crate::drawing::escaped;
 use crate::figures::{Diagram, beginning, diagrams, ending, push_diagrams};
@@ -121,7 +122,7 @@ impl Report<'_> {
              <tr><th>metric<th class=\"number\">measured<th class=\"number\">limit<th>within its limit"
         );
         for metric in self.measured {
-            let value = metric.value.map_or("–".to_owned(), |value| format!("{value:.5}"));
+            let value = metric.value.map_or("–".to_owned(), four_digits);
             let limit = metric.limit.map_or(String::new(), |limit| limit.to_string());
             let holds = match metric.holds() {
                 Some(true) => "<td>yes",

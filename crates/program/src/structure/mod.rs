@@ -17,6 +17,6 @@ pub use settings::{Order, Settings};
 pub use ssp::within_run;
 pub use ssp::{Component, Connection, Connector, Event, LoopFiles, Origin, StartValue, Structure, UnitFile};
 pub use ssp::{ExpectedFailure, IdealModel, Metric, PerformanceFunction, Plot, STRUCTURE, Scale, Statistic};
-pub use ssp::{SquareTerm, TunedParameter, Tuning};
+pub use ssp::{SquareTerm, Tracked, TunedParameter, Tuning};
 pub(crate) use whole::ABOUT_STEPS;
 pub use whole::{Whole, check_values, composite, composite_name, designed, started, with_values};

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::floor::is_whole;
 use crate::near;
-use crate::results::measure;
+use crate::results::{Meter, measure};
 use crate::simulation::Recording;
 use crate::structure::{Settings, SquareTerm, Structure};
 
@@ -47,11 +47,11 @@ impl Objective {
     ///
     /// # Errors
     /// The signal or metric that isn't there, or the points at which nothing will be known.
-    pub fn check(&self, structure: &Structure, signals: &[String], settings: Settings) -> Result<(), String> {
+    pub fn check(&self, structure: &Structure, mut signals: Recording, settings: Settings) -> Result<(), String> {
         let (terms, sample) = match self {
             Objective::Metric(label) => {
-                let known: Vec<_> = structure.metrics.iter().map(|metric| metric.label.as_str()).collect();
-                let there = known.contains(&label.as_str());
+                let known = Meter::new(structure, &mut signals)?.labels();
+                let there = known.contains(label);
                 let unknown = || format!("the loop has no metric `{label}`; {}", near::choice(label, &known, ""));
                 return if there { Ok(()) } else { Err(unknown()) };
             }
@@ -63,8 +63,8 @@ impl Objective {
         let named = terms.iter().flat_map(|term| [Some(&term.of), term.minus.as_ref()]).flatten();
         for name in named {
             let of_models = structure.models.iter().any(|model| model.name == *name);
-            if !of_models && !signals.contains(name) {
-                return Err(format!("there is no signal `{name}`; {}", near::choice(name, signals, "")));
+            if !of_models && !signals.names.contains(name) {
+                return Err(format!("there is no signal `{name}`; {}", near::choice(name, &signals.names, "")));
             }
         }
         let steps = sample / settings.step;
@@ -86,9 +86,10 @@ impl Objective {
         let value = match self {
             Objective::Metric(label) => {
                 let metric = measured.iter().find(|metric| metric.label == *label);
-                metric
-                    .and_then(|metric| metric.value)
-                    .ok_or_else(|| format!("the metric `{label}` has no value in this run"))?
+                metric.and_then(|metric| metric.value).ok_or_else(|| {
+                    let reason = "it ended before the time from which that counts, its reference didn't step, or the signal didn't settle";
+                    format!("the metric `{label}` has no value in this run: {reason}")
+                })?
             }
             Objective::Squares { terms, sample } => {
                 terms.iter().map(|term| term.sum(*sample, recording)).sum::<Result<f64, _>>()?

@@ -24,6 +24,7 @@ use crate::command::linearise::{assignment, open_unit};
 use crate::command::names::Names;
 use crate::command::new::{name_of, place};
 use crate::command::number::part;
+use crate::command::workers;
 
 /// Heading of these options in the help.
 const HEADING: &str = "Parameters of an FMU";
@@ -68,6 +69,9 @@ pub struct ParameterOptions {
     set: Vec<(String, String)>,
     #[command(flatten)]
     hosting: HostingOptions,
+    /// Carry out one run of a search, as JSON
+    #[arg(long, hide = true)]
+    job: Option<String>,
 }
 
 /// Estimates, writes both files, and prints what was found.
@@ -87,6 +91,10 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
         hold_out: held_out(&arguments.hold_out)?,
         has_offsets: arguments.offset == Offset::Record,
     };
+    if let Some(text) = &options.job {
+        workers::reply(&task.carry_out(&workers::job(text)?)?);
+        return Ok(ExitCode::SUCCESS);
+    }
     let found = task.run()?;
     let findings = findings(&found, &outputs);
     let linear = linear_model(&fmu, arguments, &found);

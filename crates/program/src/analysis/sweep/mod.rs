@@ -11,7 +11,7 @@ pub use page::SweepPage;
 use crate::figures::thinned;
 use crate::fmu::Value;
 use crate::parallel;
-use crate::results::measure;
+use crate::results::{Meter, measure};
 use crate::simulation::{LoadedLoop, Place, Recording};
 use crate::structure::{Settings, Structure};
 
@@ -32,6 +32,8 @@ pub struct Sweep {
     axes: Vec<Axis>,
     places: Vec<Place>,
     values: Vec<Vec<Value>>,
+    /// Labels of all metrics that there may be: the loop's own, then those of steps.
+    labels: Vec<String>,
     /// One a thread: other tools' libraries may not bear two instances at work at a time.
     loops: Vec<LoadedLoop>,
 }
@@ -41,10 +43,17 @@ pub struct Sweep {
 pub struct Point {
     /// Why it did not come to its end; none where it did.
     pub failure: Option<String>,
-    /// The loop's metrics, in their order; none of one that failed.
+    /// The metrics, in the order of their labels; none of one that failed.
     pub metrics: Vec<Option<f64>>,
     /// Curves of the signals that are drawn; none of most points of a large sweep.
     pub curves: Vec<Vec<(f64, Option<f64>)>>,
+}
+
+impl Point {
+    /// The metric at a place; `None` without a value.
+    pub fn metric(&self, place: usize) -> Option<f64> {
+        self.metrics.get(place).copied().flatten()
+    }
 }
 
 impl Sweep {
@@ -77,7 +86,9 @@ impl Sweep {
         if runs.is_none_or(|runs| runs > MOST_RUNS) {
             return Err(format!("too many runs: at most {MOST_RUNS} are allowed"));
         }
-        Ok(Sweep { structure, settings, axes: named, places, values, loops })
+        let mut signals = first.instantiate(&[]).map_err(|error| error.to_string())?.signals();
+        let labels = Meter::new(&structure, &mut signals)?.labels();
+        Ok(Sweep { structure, settings, axes: named, places, values, labels, loops })
     }
 
     /// The loop.
@@ -110,9 +121,11 @@ impl Sweep {
         self.axes.iter().zip(self.position(run)).map(|(axis, k)| axis.values[k].as_str()).collect()
     }
 
-    /// The labels of the metrics.
-    pub fn labels(&self) -> impl Iterator<Item = &str> {
-        self.structure.metrics.iter().map(|metric| metric.label.as_str())
+    /// The metrics that these runs have, by place and label: the loop's own, and those of steps where a reference stepped.
+    pub fn metrics<'a>(&'a self, points: &'a [Option<Point>]) -> impl Iterator<Item = (usize, &'a str)> {
+        let has = move |k: usize| points.iter().flatten().any(|point| point.metric(k).is_some());
+        let all = self.labels.iter().map(String::as_str).enumerate();
+        all.filter(move |(k, _)| *k < self.structure.metrics.len() || has(*k))
     }
 
     /// The signals that are drawn: those of the plots.
@@ -176,7 +189,7 @@ impl Sweep {
         });
         let failed = |reason: String| Point {
             failure: Some(reason),
-            metrics: vec![None; self.structure.metrics.len()],
+            metrics: vec![None; self.labels.len()],
             curves: Vec::new(),
         };
         match recording {
@@ -189,7 +202,8 @@ impl Sweep {
     fn point(&self, run: usize, mut recording: Recording) -> Result<Point, String> {
         let finite = |value: f64| Some(value).filter(|value| value.is_finite());
         let measured = measure(&self.structure, &mut recording)?;
-        let metrics = measured.iter().map(|metric| metric.value.and_then(finite)).collect();
+        let value = |label: &String| measured.iter().find(|metric| metric.label == *label)?.value.and_then(finite);
+        let metrics = self.labels.iter().map(value).collect();
         let curve = |name: &str| {
             let column = recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"))?;
             let points = thinned(&recording.times, column, GROUPS);

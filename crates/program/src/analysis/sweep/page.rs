@@ -45,7 +45,7 @@ impl SweepPage<'_> {
         if made < runs {
             page.push_str("<p class=\"bad\">The sweep was interrupted. Repeat the command to continue.</p>\n");
         }
-        for (k, label) in self.sweep.labels().enumerate() {
+        for (k, label) in self.sweep.metrics(self.points) {
             match self.sweep.axes() {
                 [axis] => page.push_str(&self.over(axis, k, label)),
                 [down, across] => page.push_str(&self.map(down, across, k, label)),
@@ -63,7 +63,7 @@ impl SweepPage<'_> {
     }
 
     fn limit(&self, metric: usize) -> Option<f64> {
-        self.sweep.structure().metrics[metric].limit
+        self.sweep.structure().metrics.get(metric)?.limit
     }
 
     /// A metric over the only parameter; a gap where a run failed. A parameter that is no number has the table alone.
@@ -73,7 +73,7 @@ impl SweepPage<'_> {
         }
         let Some(numbers) = axis.numbers() else { return String::new() };
         let mut points: Vec<_> = (0..numbers.len())
-            .map(|run| (numbers[run], self.points[run].as_ref().and_then(|point| point.metrics[metric])))
+            .map(|run| (numbers[run], self.points[run].as_ref().and_then(|point| point.metric(metric))))
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (first, last) = (points[0].0, points[points.len() - 1].0);
@@ -95,7 +95,7 @@ impl SweepPage<'_> {
 
     /// What stands in a metric's place where no run has a value of it.
     fn unmeasured(&self, metric: usize, label: &str) -> Option<String> {
-        if self.made().any(|(_, point)| point.metrics[metric].is_some()) {
+        if self.made().any(|(_, point)| point.metric(metric).is_some()) {
             return None;
         }
         let reason = "runs failed, or ended before the time from which it is measured";
@@ -107,7 +107,7 @@ impl SweepPage<'_> {
         if let Some(nothing) = self.unmeasured(metric, label) {
             return nothing;
         }
-        let values: Vec<f64> = self.made().filter_map(|(_, point)| point.metrics[metric]).collect();
+        let values: Vec<f64> = self.made().filter_map(|(_, point)| point.metric(metric)).collect();
         let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let mut map = format!("<h2>{}</h2>\n", escaped(label));
         if let Some(limit) = self.limit(metric) {
@@ -138,7 +138,7 @@ impl SweepPage<'_> {
         if let Some(reason) = &point.failure {
             return format!("<td class=\"failed\" title=\"{}\">failed", escaped(reason));
         }
-        let Some(value) = point.metrics[metric] else { return "<td class=\"failed\">–".to_owned() };
+        let Some(value) = point.metric(metric) else { return "<td class=\"failed\">–".to_owned() };
         let place = if high > low { (value - low) / (high - low) } else { 0.0 };
         let (colour, text) = (colours::at(place), colours::text_on(place));
         let over = if self.limit(metric).is_some_and(|limit| value > limit) { " class=\"over\"" } else { "" };
@@ -208,15 +208,16 @@ impl SweepPage<'_> {
 
     fn push_table(&self, page: &mut String) {
         page.push_str("<h2>Runs</h2>\n<div class=\"scroll\"><table id=\"runs\">\n<tr>");
-        for name in self.sweep.axes().iter().map(|axis| axis.name.as_str()).chain(self.sweep.labels()) {
+        let metrics: Vec<_> = self.sweep.metrics(self.points).collect();
+        let labels = metrics.iter().map(|(_, label)| *label);
+        for name in self.sweep.axes().iter().map(|axis| axis.name.as_str()).chain(labels) {
             let _ = write!(page, "<th class=\"number\">{}", escaped(name));
         }
         page.push_str("<th>run");
         for (run, point) in self.made().take(MOST_ROWS) {
             page.push_str("\n<tr>");
             let values = self.sweep.values(run).into_iter().map(shown);
-            let metrics =
-                point.metrics.iter().map(|value| value.map_or("–".to_owned(), |value| format!("{value:.5}")));
+            let metrics = metrics.iter().map(|(k, _)| point.metric(*k).map_or("–".to_owned(), four_digits));
             values.chain(metrics).for_each(|text| _ = write!(page, "<td class=\"number\">{}", escaped(&text)));
             match &point.failure {
                 None => page.push_str("<td>complete"),

@@ -42,6 +42,14 @@ fn has_funnel(draft: &Draft, unit: usize) -> bool {
     unit.model.as_ref().is_some_and(|model| model == FUNNEL || is_prescribed())
 }
 
+/// True if a reference steps in its loop: then its largest error is the step.
+pub fn steps(draft: &Draft, unit: usize) -> bool {
+    let heights = |variable: &&Variable| variable.name.starts_with("step_height[");
+    draft.units[unit].model.as_deref() == Some(REFERENCE)
+        && draft.starts.iter().all(|starts| starts.unit != unit)
+        && draft.units[unit].description.variables.iter().filter(heights).filter_map(number).any(|height| height != 0.0)
+}
+
 /// Every step as an offset that comes in smoothly.
 fn smooth(draft: &Draft, unit: usize, funnel: usize) -> Option<Starts> {
     let start = |unit: usize, name: &str| draft.units[unit].description.variable(name).and_then(number);

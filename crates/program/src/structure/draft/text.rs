@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::smooth_start::Starts;
+use super::smooth_start::{Starts, steps};
 use super::wiring::Input;
 use super::{Draft, Role, Signal};
 use crate::model_description::Affine;
@@ -152,7 +152,8 @@ fn closed_loop(draft: &Draft) -> Vec<String> {
     }
     for (output, reference) in &pairs {
         let (name, minus) = (&draft.variable(*output).name, &draft.variable(*reference).name);
-        for statistic in ["max", "rms"] {
+        let statistics: &[&str] = if steps(draft, reference.0) { &["rms"] } else { &["max", "rms"] };
+        for &statistic in statistics {
             let label = match statistic {
                 "max" => format!("max |{name} - {minus}|{}", in_unit(draft, *output)),
                 _ => format!("rms ({name} - {minus}){}", in_unit(draft, *output)),

@@ -74,6 +74,14 @@ pub struct Metric {
     pub limit: Option<f64>,
 }
 
+impl Metric {
+    /// True if it is the largest magnitude of a signal in the whole run.
+    pub fn is_peak_of(&self, name: &str) -> bool {
+        let Metric { statistic, of, minus, funnel, from, .. } = self;
+        *statistic == Statistic::Max && of == name && minus.is_none() && funnel.is_none() && *from == f64::NEG_INFINITY
+    }
+}
+
 /// A diagram.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plot {

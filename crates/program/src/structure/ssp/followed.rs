@@ -48,7 +48,55 @@ impl Pair<'_> {
     }
 }
 
+/// A signal that is to come to a reference.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tracked {
+    /// Its name in the loop.
+    pub signal: String,
+    /// The reference's name in the loop.
+    pub reference: String,
+    /// The component that takes the reference.
+    pub controller: String,
+    /// Outputs of that which others take, by their names in the loop.
+    pub controls: Vec<String>,
+}
+
 impl Structure {
+    /// Signals with their references: those whose difference is a metric, else those that its connections tell.
+    pub fn tracked(&self) -> Vec<Tracked> {
+        let sources: Vec<&str> = self.sources().collect();
+        let mut pairs: Vec<[(String, String); 2]> = Vec::new();
+        for metric in &self.metrics {
+            let ends = metric.minus.as_ref().and_then(|minus| Some([self.ends_of(minus)?, self.ends_of(&metric.of)?]));
+            let pair = ends.filter(|[reference, _]| sources.contains(&reference.0.as_str()));
+            pairs.extend(pair.filter(|pair| !pairs.contains(pair)));
+        }
+        if pairs.is_empty() {
+            pairs = self.followed();
+        }
+        let name = |(unit, variable): &(String, String)| format!("{unit}.{variable}");
+        let tracked = |[reference, signal]: [(String, String); 2]| {
+            let controller = self.connections.iter().find(|connection| connection.from == reference)?.to.0.clone();
+            let is_control =
+                |connection: &&Connection| connection.from.0 == controller && connection.to.0 != controller;
+            let mut controls: Vec<String> = Vec::new();
+            for connection in self.connections.iter().filter(is_control) {
+                let control = name(&connection.from);
+                controls.extend(Some(control).filter(|control| !controls.contains(control)));
+            }
+            Some(Tracked { signal: name(&signal), reference: name(&reference), controller, controls })
+        };
+        pairs.into_iter().filter_map(tracked).collect()
+    }
+
+    /// Component and variable of a name in the loop.
+    fn ends_of(&self, name: &str) -> Option<(String, String)> {
+        self.components.iter().find_map(|component| {
+            let variable = name.strip_prefix(&component.name)?.strip_prefix('.')?;
+            Some((component.name.clone(), variable.to_owned()))
+        })
+    }
+
     /// Units that hand on what doesn't depend on the loop.
     pub fn sources(&self) -> impl Iterator<Item = &str> {
         let takes = |kind: &str| kind == "input" || kind == "inout";

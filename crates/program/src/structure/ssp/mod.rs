@@ -19,6 +19,7 @@ pub use annotation::{ExpectedFailure, IdealModel, Metric, PerformanceFunction, P
 pub use event::{Event, within_run};
 pub use files::LoopFiles;
 pub(super) use files::is_inside;
+pub use followed::Tracked;
 pub(super) use reader::parse;
 pub use source::UnitFile;
 pub use tuning::{SquareTerm, TunedParameter, Tuning};
