@@ -256,7 +256,7 @@ fn of_unit(description: &ModelDescription) -> impl Iterator<Item = &Variable> {
 fn time_in_s(table: &mut Table) -> Result<[f64; 2], String> {
     let is_time = |column: &TableColumn| TIMES.contains(&column.name.as_str());
     let named = |name: &&str| table.columns.iter().position(|column| column.name == **name);
-    let place = if is_time(&table.columns[0]) { 0 } else { TIMES.iter().find_map(|name| named(&name)).unwrap_or(0) };
+    let place = if is_time(&table.columns[0]) { 0 } else { TIMES.iter().find_map(named).unwrap_or(0) };
     table.columns[..=place].rotate_right(1);
     let time = &table.columns[0];
     let given = time.unit.as_ref().map_or_else(String::new, |unit| format!(" in {unit}"));

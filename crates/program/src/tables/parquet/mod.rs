@@ -339,7 +339,7 @@ impl Leaf<'_> {
         page: &Page<'a>,
         about: &Value,
         budget: &mut Budget,
-    ) -> Result<(Option<Cow<'a, [u8]>>, Cow<'a, [u8]>), String> {
+    ) -> Result<(Option<Bytes<'a>>, Bytes<'a>), String> {
         let Page { own, full, .. } = *page;
         if page.head.number(1) == Some(3) {
             let [known, repeated] = [5, 6].map(|field| about.size(field).unwrap_or(0));
@@ -391,6 +391,9 @@ impl Leaf<'_> {
         });
     }
 }
+
+/// Bytes of the file, or unpacked ones.
+type Bytes<'a> = Cow<'a, [u8]>;
 
 /// A part of a column.
 struct Page<'a> {
