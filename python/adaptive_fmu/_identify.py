@@ -335,9 +335,9 @@ def identify(
     """Identify a linear model of a plant from records, with the uncertainty that they leave, and return it.
 
     data: record, or a list of records of the same plant: DataFrames whose index is the time (s, Timedelta or Timestamp) or that
-        have a column "time", dicts of columns and structured arrays with "time", or paths of CSV files. Units may follow the
-        names of columns and of the index, as in "speed [rad/s]" and "time [ms]". Empty cells and NaN are missing values. A column "record" divides a table into
-        records.
+        have a column "time", dicts of columns and structured arrays with "time", or paths of CSV, Parquet (.parquet) or
+        MATLAB files (.mat, version 5 or 7). Units may follow the names of columns and of the index, as in "speed [rad/s]" and
+        "time [ms]". Empty cells and NaN are missing values. A column "record" divides a table into records.
     inputs: names of the columns that are inputs, without units.
     states: names of the columns that are the states; all of them are measured.
     outputs: names of the columns that are outputs, in place of `states`, if not all states are measured.

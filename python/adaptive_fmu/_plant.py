@@ -16,6 +16,7 @@ from ._errors import ArgumentError
 from ._identify import Identified
 from ._parameters import Estimated
 from ._program import retold
+from ._records import is_table
 
 
 @contextmanager
@@ -42,7 +43,7 @@ def is_record(plant: Any) -> bool:
     if isinstance(plant, (list, tuple)):
         return bool(plant) and all(map(is_record, plant))
     if isinstance(plant, (str, os.PathLike)):
-        return os.fspath(plant).endswith(".csv")
+        return is_table(plant)
     return hasattr(plant, "columns") or isinstance(plant, dict) and "A" not in plant
 
 

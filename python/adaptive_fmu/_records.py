@@ -66,6 +66,11 @@ class Given:
         return message
 
 
+def is_table(path: str | os.PathLike[str]) -> bool:
+    """True for the name of a file that the program reads as a table."""
+    return os.fspath(path).lower().endswith((".csv", ".parquet", ".mat"))
+
+
 def row(line: re.Match[str]) -> str:
     """Row of a table for a line of its file, which has one line of names."""
     return str(int(line[0]) - 2)
@@ -78,7 +83,7 @@ def with_time(data: Any, name: str, time: str | None) -> pd.DataFrame:
     except (TypeError, ValueError) as error:
         raise ArgumentError(
             f"{name} has the type {type(data).__name__}. It must be a DataFrame, a dict of columns, a structured array, or the "
-            f"path of a CSV file: {error}"
+            f"path of a CSV, Parquet or MATLAB file: {error}"
         ) from None
     if not len(table):
         raise ArgumentError(f"{name} has no rows")

@@ -123,8 +123,9 @@ class Result:
     def to_mat(self, path: PathLike) -> Path:
         """Write the signals as a MATLAB file (version 5) and return its path; it needs scipy.
 
-        It has `time`, a struct for each component, such as `plant.x` with one row per point and one column per element, and the
-        units of measurement in the same form in `units`. Characters that MATLAB does not allow in names become "_".
+        It has `time`, a struct for each component, such as `plant.x` with one row per point and one column per element, and in the
+        same form the units of measurement in `units` (a cell array if they differ between elements) and the original names in `names`, since characters that MATLAB does not allow
+        in names become "_". `identify` and `simulate` read such files.
 
         >>> import adaptive_fmu, scipy.io
         >>> file = adaptive_fmu.Loop("3.2.1-cosine").run(until=1).to_mat(folder / "result.mat")

@@ -240,9 +240,9 @@ def simulate(
 
     fmu: FMU archive (NAME.fmu) of any tool, FMU of this package, description file (NAME.toml), or loop as a single FMU.
     input: inputs over time: a DataFrame whose index is the time (s, Timedelta or Timestamp) or that has a column "time", a dict of
-        columns or a structured array (as FMPy has it) with "time", the path of a CSV file, or a function of the time that returns a
-        dict of inputs, which is called at each communication point. Continuous inputs are interpolated linearly; all other inputs
-        use a zero-order hold. Default: None, the inputs are constant.
+        columns or a structured array (as FMPy has it) with "time", the path of a CSV, Parquet (.parquet) or MATLAB file (.mat,
+        version 5 or 7), or a function of the time that returns a dict of inputs, which is called at each communication point.
+        Continuous inputs are interpolated linearly; all other inputs use a zero-order hold. Default: None, the inputs are constant.
     until: stop time, s. Default: the FMU's own, or 1. `stop_time` is the same.
     step: communication step, s. Default: the FMU's own, or 0.001. `output_interval` is the same.
     interface: "cs" (co-simulation) or "me" (model exchange). Default: co-simulation if the FMU supports it, else model exchange.

@@ -105,7 +105,7 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     written(tmp_path, record(rng, *motor(rng), rows=400))
     for options, reason in [
         (["--inputs", "voltag", "--states", "speed,current"], "did you mean `voltage`?"),
-        ([*SIGNALS, "--hold-out", "0.95"], "--hold-out = 0.95: must be at least 0 and below 90 %, as 30% or 0.3, or a CSV file"),
+        ([*SIGNALS, "--hold-out", "0.95"], "--hold-out = 0.95: must be at least 0 and below 90 %, as 30% or 0.3, or a file: .csv, .parquet or .mat"),
         ([*SIGNALS, "--order", "3"], "--order = 3: is for --outputs"),
         ([*SIGNALS, "--delay", "0,1"], "--delay = 2 numbers: must be one number, or 1"),
         ([*SIGNALS, "--time", "hours"], "hours"),

@@ -126,11 +126,13 @@ def test_results_are_files_of_other_tools(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mat["time"], result.data.index)
     for k in range(4):
         np.testing.assert_array_equal(mat["plant"]["x"][:, k], result.data[f"plant.x[{k + 1}]"])
-    assert mat["plant"]["x"].shape == (len(result.data), 4) and mat["units"]["plant"]["x"] == result.units["plant.x[1]"]
+    assert mat["plant"]["x"].shape == (len(result.data), 4) and mat["units"]["controller"]["u"] == result.units["controller.u[1]"]
+    assert mat["units"]["plant"]["x"].tolist() == [result.units[f"plant.x[{k + 1}]"] for k in range(4)]
+    assert mat["names"]["plant"]["x"] == "plant.x[1]"
     columns = sum(
         value.shape[1] if value.ndim > 1 else 1
         for name, part in mat.items()
-        if name not in {"time", "units"} and not name.startswith("__")
+        if name not in {"time", "units", "names"} and not name.startswith("__")
         for value in (part.values() if isinstance(part, dict) else [part])
     )
     assert columns == result.data.shape[1]
@@ -148,7 +150,7 @@ def test_names_that_matlab_does_not_know_stay_apart(tmp_path: Path) -> None:
     mat = scipy.io.loadmat(tmp_path / "odd.mat", simplify_cells=True)
     assert mat["time_"]["x"].tolist() == data["time.x"].tolist() and mat["units"]["p"]["K"] == "rad"
     assert mat["p"]["K"].shape == (2, 2, 2) and mat["p"]["K"][1, 1, 1] == data["p.K[2,2]"].iloc[1] and np.isnan(mat["p"]["K"][0, 0, 1])
-    values = [value for name, part in mat.items() if not name.startswith("__") and name != "units" for value in leaves(part)]
+    values = [value for name, part in mat.items() if not name.startswith("__") and name not in {"units", "names"} for value in leaves(part)]
     found = {number for value in values for number in np.ravel(value) if np.isfinite(number)}
     assert found >= set(data.to_numpy().ravel())
 

@@ -5,6 +5,7 @@
 //! unit of measurement in brackets, `speed [rpm]`, or units have a row of their own below the names. `true` and `false`
 //! are 1 and 0; an empty cell or `NaN` is NaN.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::io::{BufRead, Read};
 
@@ -16,8 +17,12 @@ const LONGEST_LINE: u64 = 1 << 22;
 pub struct Table {
     /// The columns, in their order.
     pub columns: Vec<Column>,
-    /// The line in the file of each row.
+    /// The line in the file of each row; empty where the file has no lines.
     pub lines: Vec<usize>,
+    /// Assumptions while it was read, such as the separator and the decimal mark.
+    pub assumed: Vec<String>,
+    /// Parts of the file that are no columns of numbers, with the reason.
+    pub left_out: Vec<String>,
 }
 
 /// A column of a table.
@@ -70,9 +75,9 @@ impl Table {
         if is_open {
             names.pop();
         }
-        let mut table = Table { columns: names.iter().map(|name| Column::named(name)).collect(), lines: Vec::new() };
-        table.check_names(line)?;
-        let mut cells = Cells { separator, decimal: None };
+        let mut table = Table { columns: names.iter().map(|name| Column::named(name)).collect(), ..Table::default() };
+        table.check_names().map_err(|reason| Fault::new(line, reason))?;
+        let mut cells = Cells { separator, ..Cells::default() };
         while let Some((line, text)) = lines.next()? {
             let mut row = fields(text, separator).map_err(|reason| Fault::new(line, reason))?;
             // A separator at the end: in all lines, or only in those of values.
@@ -81,6 +86,7 @@ impl Table {
             }
             if table.lines.is_empty() && table.columns.iter().all(|column| column.unit.is_none()) && is_units(&row) {
                 table.set_units(line, &row)?;
+                table.assumed.push(format!("line {line} has the units of measurement"));
                 continue;
             }
             table.check_count(line, row.len(), separator)?;
@@ -100,7 +106,36 @@ impl Table {
         if table.lines.is_empty() {
             return Err(Fault::new(lines.number.max(2), "the table must have at least one line of values"));
         }
+        table.assumed.splice(0..0, cells.assumed());
         Ok(table)
+    }
+
+    /// A table of columns that have no lines in a file.
+    ///
+    /// # Errors
+    /// A name that is missing or given twice, or no rows.
+    pub fn of_columns(columns: Vec<Column>) -> Result<Self, String> {
+        let table = Table { columns, ..Table::default() };
+        table.check_names()?;
+        if table.rows() == 0 {
+            return Err("the table must have at least one row of values".to_owned());
+        }
+        Ok(table)
+    }
+
+    /// The number of rows.
+    pub fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |column| column.values.len().max(column.texts.len()))
+    }
+
+    /// The place of a row in messages: its line in the file, or its number from 1.
+    pub fn place(&self, row: usize) -> String {
+        self.lines.get(row).map_or_else(|| format!("row {}", row + 1), |line| format!("line {line}"))
+    }
+
+    /// The place of the names of the columns in messages, if they have one.
+    pub fn head(&self) -> &'static str {
+        if self.lines.is_empty() { "" } else { "line 1: " }
     }
 
     /// The column of this name.
@@ -108,17 +143,18 @@ impl Table {
         self.columns.iter().find(|column| column.name == name)
     }
 
-    fn check_names(&self, line: usize) -> Result<(), Fault> {
+    fn check_names(&self) -> Result<(), String> {
+        let mut names = BTreeSet::new();
         for (k, column) in self.columns.iter().enumerate() {
             if column.name.is_empty() {
-                return Err(Fault::new(line, format!("column {} has no name", k + 1)));
+                return Err(format!("column {} has no name", k + 1));
             }
-            if self.columns[..k].iter().any(|other| other.name == column.name) {
-                return Err(Fault::new(line, format!("`{}` is the name of two columns", column.name)));
+            if !names.insert(&column.name) {
+                return Err(format!("`{}` is the name of two columns", column.name));
             }
         }
         if self.columns.iter().all(|column| column.name.parse::<f64>().is_ok()) {
-            return Err(Fault::new(line, "must be the names of the columns, not numbers"));
+            return Err("must be the names of the columns, not numbers".to_owned());
         }
         Ok(())
     }
@@ -150,8 +186,8 @@ impl Table {
 }
 
 impl Column {
-    /// Name and unit of a field of the first line. An index isn't taken for a unit: `x[1]`, `K[1,2]`.
-    fn named(field: &str) -> Self {
+    /// Name and unit of a text such as `speed [rpm]`. An index isn't taken for a unit: `x[1]`, `K[1,2]`.
+    pub fn named(field: &str) -> Self {
         let field = field.trim();
         let split = field.strip_suffix(']').and_then(|rest| rest.rsplit_once('['));
         let is_index = |name: &str, unit: &str| {
@@ -264,18 +300,23 @@ fn shown(field: &str) -> String {
 }
 
 /// Numbers of the cells of a file, all with the same decimal mark.
+#[derive(Default)]
 struct Cells {
     separator: char,
     decimal: Option<char>,
+    missing: usize,
+    booleans: bool,
 }
 
 impl Cells {
     /// The number of a cell; what is allowed, where it is none.
     fn number(&mut self, field: &str) -> Result<f64, String> {
         if field.is_empty() || field.trim_start_matches(['+', '-']).eq_ignore_ascii_case("nan") {
+            self.missing += 1;
             return Ok(f64::NAN);
         }
         if let Some(value) = boolean(field) {
+            self.booleans = true;
             return Ok(value);
         }
         for mark in [',', '.'].into_iter().filter(|mark| field.contains(*mark)) {
@@ -291,6 +332,16 @@ impl Cells {
         }
         let number = field.replace(',', ".").parse().ok().filter(|number: &f64| number.is_finite());
         number.ok_or_else(|| "must be a finite number, true, false, NaN or empty".to_owned())
+    }
+
+    /// Assumptions about the cells.
+    fn assumed(&self) -> Vec<String> {
+        let separator = if self.separator == '\t' { "a tab".to_owned() } else { format!("`{}`", self.separator) };
+        let decimal = self.decimal.map_or_else(String::new, |mark| format!(", the decimal mark is `{mark}`"));
+        let mut assumed = vec![format!("the separator is {separator}{decimal}")];
+        assumed.extend(self.booleans.then(|| "true is 1, false is 0".to_owned()));
+        assumed.extend((self.missing > 0).then(|| format!("missing values (empty cells or NaN): {}", self.missing)));
+        assumed
     }
 }
 

@@ -88,7 +88,7 @@ pub use model::{Fits, Free, Model, RecordOf, Units};
 pub use options::{Estimated, Identified, Options, OrderFit, WrongCell};
 pub use outputs::identify_outputs;
 pub use poles::{Pole, poles_of};
-pub use record::{LABEL, Record, Signals, seconds};
+pub use record::{LABEL, Record, Signals, seconds, time_of};
 pub use residuals::Correlations;
 pub use response::{Response, responses};
 pub use sampled::{Hold, SampledModel, sampled};

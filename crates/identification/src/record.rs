@@ -30,12 +30,8 @@ impl Record {
     /// A name that the table lacks or that labels records, a unit that isn't one of time.
     pub fn of_table(name: &str, table: &Table, time: Option<&str>) -> Result<Vec<Self>, Refusal> {
         let refuse = |text: String| Refusal::new(Cause::Request, text);
-        let missing = |time: &str| refuse(format!("{name} has no column `{time}` for the time"));
-        let mut numbers = table.columns.iter().filter(|column| column.texts.is_empty());
-        let time = match time {
-            Some(time) => table.column(time).ok_or_else(|| missing(time))?,
-            None => table.column("time").or_else(|| numbers.next()).ok_or_else(|| missing("time"))?,
-        };
+        let missing = || refuse(format!("{name} has no column `{}` for the time", time.unwrap_or("time")));
+        let time = time_of(table, time).ok_or_else(missing)?;
         if !time.texts.is_empty() {
             return Err(refuse(format!("{name}: `{}` labels records, it can't be the time", time.name)));
         }
@@ -51,13 +47,18 @@ impl Record {
         }
         let part = |label_of_part: Option<&String>| {
             let belongs = |row: usize| label.is_none_or(|label| Some(&label.texts[row]) == label_of_part);
-            let rows: Vec<usize> = (0..table.lines.len()).filter(|row| belongs(*row)).collect();
+            let rows: Vec<usize> = (0..table.rows()).filter(|row| belongs(*row)).collect();
             let of = |column: &Column| rows.iter().map(|row| column.values[*row]).collect::<Vec<_>>();
             let others = table.columns.iter().filter(|column| column.name != time.name && column.texts.is_empty());
             let columns = others.map(|column| Column { values: of(column), ..column.clone() }).collect();
             let name = label_of_part.map_or(name.to_owned(), |label| format!("{name}, record {label}"));
             let time = of(time).into_iter().map(|time| time * times / over).collect();
-            Record { name, time, columns, lines: rows.iter().map(|row| table.lines[*row]).collect() }
+            Record {
+                name,
+                time,
+                columns,
+                lines: rows.iter().filter_map(|row| table.lines.get(*row).copied()).collect(),
+            }
         };
         Ok(if labels.is_empty() {
             vec![part(None)]
@@ -123,6 +124,12 @@ impl Record {
         }
         Ok(())
     }
+}
+
+/// The column of a table that is the time: the one of this name; without a name, `time`, or else the first of numbers.
+pub fn time_of<'a>(table: &'a Table, name: Option<&str>) -> Option<&'a Column> {
+    let first = || table.columns.iter().find(|column| column.texts.is_empty());
+    name.map_or_else(|| table.column("time").or_else(first), |name| table.column(name))
 }
 
 /// Numerator and denominator of a unit of time in s, `None` of another unit: 1/1000 isn't exact.

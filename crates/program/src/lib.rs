@@ -40,6 +40,7 @@ pub mod scratch;
 pub mod sealed;
 pub mod simulation;
 pub mod structure;
+pub mod tables;
 pub mod tuning;
 pub mod validation;
 pub mod workers;

@@ -12,6 +12,7 @@ use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::Model;
 use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::structure::LoopFiles;
+use adaptive_fmu::tables;
 
 use super::sequences::{Subject, Tally};
 use super::{OK, Unit};
@@ -101,6 +102,13 @@ pub fn archive(bytes: &[u8]) {
     in_a_file("its.ssp", bytes, |file| {
         let read = LoopFiles::find(&file.display().to_string()).and_then(|files| files.structure());
         read.err().into_iter().for_each(|error| one_line(&error.to_string()));
+    });
+}
+
+/// A table as Parquet, MATLAB file or CSV, by its first bytes.
+pub fn table(bytes: &[u8]) {
+    in_a_file("table", bytes, |file| {
+        tables::read(file, &["record"]).err().into_iter().for_each(|error| one_line(&error.to_string()));
     });
 }
 

@@ -15,7 +15,7 @@ pub struct GlobalOptions {
     #[arg(long, short, global = true, hide_short_help = true, conflicts_with = "verbose", help_heading = HEADING)]
     quiet: bool,
     /// Log to stderr how each FMU was found, run and integrated, with the eigenvalue that selected its integration
-    /// method
+    /// method, and what was assumed of files of records
     #[arg(long, short, global = true, hide_short_help = true, help_heading = HEADING)]
     verbose: bool,
     /// Number of parallel runs or exports [default: number of cores]

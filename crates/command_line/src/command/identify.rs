@@ -6,17 +6,18 @@ mod plan;
 mod units;
 
 use std::ffi::OsString;
-use std::io::{BufReader, ErrorKind};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::report::{self, number};
+use adaptive_fmu::tables::{self, Column, Table};
+use adaptive_fmu::template::counted;
 use adaptive_fmu::{begun, near, sealed, text_file};
-use adaptive_fmu_identification::csv::Table;
 use adaptive_fmu_identification::{
     Cause, Finding, Free, Hold, Identified, Kind, LABEL, Model, Options, Record, Signals, Structure, Verdict,
-    identify_outputs, identify_states,
+    identify_outputs, identify_states, time_of,
 };
 use clap::Parser as _;
 use serde_json::Value;
@@ -25,6 +26,7 @@ use super::linearise::assignment;
 use super::names::Names;
 use super::new::{name_of, place, there_already};
 use super::number::{part, positive};
+use super::tables::told_of;
 
 /// The model was written, and a finding is that it should not be used for a design.
 const UNSOUND: u8 = 3;
@@ -55,12 +57,12 @@ impl Arguments {
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// CSV files, one or more records of the same plant
+    /// CSV, Parquet or MATLAB files (.csv, .parquet, .mat), one or more records of the same plant
     ///
-    /// The first line contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h if
+    /// The first line of a CSV file contains names; the column `time` or else the first one is the time in s, or in ms, us, min or h if
     /// its name ends with that: `time [ms]`. Separators are commas, or semicolons or tabs, which allow a decimal comma. A column
-    /// `record` divides a file into records.
-    #[arg(required_unless_present = "plan", value_name = "RECORD.csv")]
+    /// `record` divides a file into records. A MATLAB file (version 5 or 7) contains the time and vectors of that length.
+    #[arg(required_unless_present = "plan", value_name = "RECORD")]
     records: Vec<PathBuf>,
     /// Columns that are inputs of the plant
     #[arg(long, value_name = "NAME,…", required_unless_present_any = ["plan", "fmu"])]
@@ -89,7 +91,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NUMBER,…", value_delimiter = ',', value_parser = not_negative)]
     delay: Vec<f64>,
     /// Last part of each record that checks the model, or a file of records that do
-    #[arg(long, value_name = "PART or FILE.csv", default_value = HELD_OUT)]
+    #[arg(long, value_name = "PART or FILE", default_value = HELD_OUT)]
     hold_out: String,
     /// Course of the inputs between rows
     #[arg(long, value_enum, default_value_t = HoldOf::ZeroOrder)]
@@ -268,13 +270,12 @@ struct Read {
 fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
     let mut records = Vec::new();
     for file in files {
-        let refuse = |reason: String| Error::Description { file: file.clone(), reason };
-        let reader = BufReader::new(text_file::open(&begun::path(file)).map_err(Error::file(file))?);
-        let table = Table::read(reader, &[LABEL]).map_err(|fault| refuse(fault.to_string()))?;
+        let table = tables::read(file, &[LABEL])?;
         let name = file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let found = Record::of_table(&name, &table, arguments.time.as_deref());
         let checksum = sealed::checksum_of_file(file)?;
         let mut found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
+        told_of(file, &assumed(&table, arguments.time.as_deref(), found.len()), &table.left_out);
         for (k, record) in found.iter_mut().enumerate() {
             let converted = units::convert(record, &arguments.unit)?;
             // All records of a file have the same columns.
@@ -285,14 +286,26 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
     Ok(records)
 }
 
+/// Assumptions about a file that has so many records.
+fn assumed(table: &Table, time: Option<&str>, records: usize) -> Vec<String> {
+    let mut lines = table.assumed.clone();
+    let of_time =
+        |time: &Column| format!("the time is the column `{}`, in {}", time.name, time.unit.as_deref().unwrap_or("s"));
+    lines.extend(time_of(table, time).map(of_time));
+    if table.column(LABEL).is_some_and(|label| !label.texts.is_empty()) {
+        lines.push(format!("the column `{LABEL}` divides it: {}", counted(records, "record")));
+    }
+    lines
+}
+
 /// The part of each record that is held out, or the records that are.
 fn held_out(arguments: &Arguments) -> Result<(f64, Option<Vec<Read>>), Error> {
     let given = &arguments.hold_out;
     match part(given) {
         Ok(part) if part < MOST_HELD_OUT => Ok((part, None)),
-        Err(_) if given.ends_with(".csv") => Ok((0.0, Some(read(&[PathBuf::from(given)], arguments)?))),
+        Err(_) if tables::is_table(Path::new(given)) => Ok((0.0, Some(read(&[PathBuf::from(given)], arguments)?))),
         _ => {
-            let allowed = "must be at least 0 and below 90 %, as 30% or 0.3, or a CSV file";
+            let allowed = "must be at least 0 and below 90 %, as 30% or 0.3, or a file: .csv, .parquet or .mat";
             Err(Error::Argument(Invalid::new("--hold-out", given, allowed)))
         }
     }

@@ -36,6 +36,7 @@ pub mod serve;
 pub mod simulate;
 mod specification;
 pub mod sweep;
+mod tables;
 mod trim;
 pub mod tune;
 mod tuned;

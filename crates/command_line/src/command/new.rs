@@ -72,10 +72,10 @@ pub struct UnitArguments {
     /// `linearise --json` prints this format.
     #[arg(long, value_name = "FILE.json or FILE.fmu")]
     plant: Option<PathBuf>,
-    /// Records of the plant: `identify` makes NAME.json of them, which is the nominal plant then (repeatable)
+    /// Records of the plant (.csv, .parquet, .mat): `identify` makes NAME.json of them, which is the nominal plant then (repeatable)
     ///
     /// --inputs and --states, or only --outputs, give the names of their columns.
-    #[arg(long, value_name = "RECORD.csv", conflicts_with = "plant", requires = "inputs")]
+    #[arg(long, value_name = "RECORD", conflicts_with = "plant", requires = "inputs")]
     data: Vec<PathBuf>,
     /// Known entries of that plant, as for `identify`
     #[arg(long, value_name = "FILE.toml", requires = "data")]

@@ -27,6 +27,7 @@ use super::progress::{Bars, Progress};
 use super::results::{NAMES, PAGE, TableOptions, write_results};
 use super::run::{RESULTS, about, exit_code};
 use super::serve;
+use super::tables::told_of;
 use crate::console;
 
 /// Communication step of an FMU that proposes none, and its stop time, s.
@@ -48,12 +49,12 @@ pub struct Arguments {
     /// Interface to use [default: co-simulation if the FMU supports it, else model exchange]
     #[arg(long)]
     interface: Option<By>,
-    /// CSV file with inputs over time.
+    /// CSV, Parquet or MATLAB file (.csv, .parquet, .mat) with inputs over time.
     ///
-    /// Its first line contains names, of which the first is `time`. The other lines contain numbers, separated by
-    /// commas, or by semicolons or tabs, which allow decimal commas. Continuous inputs are interpolated linearly; all other
-    /// inputs, and tunable parameters, use a zero-order hold.
-    #[arg(long, value_name = "FILE.csv")]
+    /// The first line of a CSV file contains names, of which the first is `time`. The other lines contain numbers, separated by
+    /// commas, or by semicolons or tabs, which allow decimal commas. A MATLAB file (version 5 or 7) contains `time` and vectors of
+    /// that length. Continuous inputs are interpolated linearly; all other inputs, and tunable parameters, use a zero-order hold.
+    #[arg(long, value_name = "FILE")]
     input: Option<PathBuf>,
     /// Outputs to compare with the columns of these names of --input, which may have further columns
     ///
@@ -168,8 +169,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 /// Inputs over time, and what is compared with a record.
 fn inputs(arguments: &Arguments, description: &ModelDescription) -> Result<(Option<Inputs>, Option<Replay>), Error> {
     let Some(file) = &arguments.input else { return Ok((None, None)) };
-    let Some(Names(names)) = &arguments.compare else { return Ok((Some(Inputs::read(file, description)?), None)) };
-    let Read { inputs, others } = Inputs::read_some(file, description)?;
+    let read = if arguments.compare.is_some() { Inputs::read_some } else { Inputs::read };
+    let Read { inputs, others, assumed, left_out, .. } = read(file, description)?;
+    told_of(file, &assumed, &left_out);
+    let Some(Names(names)) = &arguments.compare else { return Ok((Some(inputs), None)) };
     let parameters: Vec<_> =
         inputs.variables(description).filter(|v| v.causality == "parameter").map(|v| &*v.name).collect();
     if !parameters.is_empty() {

@@ -78,3 +78,11 @@ fn an_archive_of_any_bytes_does_no_harm() {
     write_entries(&file, &[("modelDescription.xml", &xml), ("SystemStructure.ssd", structure)]).unwrap();
     run(fuzz::archive, &[std::fs::read(&file).unwrap()], 600);
 }
+
+#[test]
+fn a_table_of_any_bytes_does_no_harm() {
+    let files = std::fs::read_dir(common::at_top("tests/fuzz/tables")).unwrap();
+    let sound: Vec<_> = files.map(|file| std::fs::read(file.unwrap().path()).unwrap()).collect();
+    assert!(sound.len() >= 4);
+    run(fuzz::table, &sound, 3000);
+}

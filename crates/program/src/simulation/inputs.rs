@@ -1,15 +1,14 @@
-//! Inputs over time, from a file of comma-separated values.
+//! Inputs over time, from a table: CSV, Parquet or MATLAB.
 
-use std::io::BufReader;
 use std::path::Path;
 
-use adaptive_fmu_identification::csv::{Column as TableColumn, Table};
 use adaptive_fmu_identification::seconds;
 
 use crate::error::Error;
 use crate::fmu::{Instance, SHOWS_VARIABLES};
 use crate::model_description::{ModelDescription, UnitDefinition, Variable};
-use crate::{near, text_file};
+use crate::near;
+use crate::tables::{self, Column as TableColumn, Table};
 
 /// Values of input variables at some times.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +50,8 @@ pub(super) enum Side {
 
 /// Names that the column of times may have.
 const TIMES: [&str; 3] = ["time", "Time", "t"];
+/// Jumps that are listed.
+const SHOWN_JUMPS: usize = 5;
 
 /// A table over time, of which some columns are inputs of a unit.
 #[derive(Debug)]
@@ -59,19 +60,25 @@ pub struct Read {
     pub inputs: Inputs,
     /// Columns that are no inputs.
     pub others: Vec<TableColumn>,
+    /// Assumptions while the file was read.
+    pub assumed: Vec<String>,
+    /// Parts of the file that are no columns of numbers.
+    pub left_out: Vec<String>,
+    /// Place of the names in messages.
+    head: &'static str,
 }
 
 impl Inputs {
-    /// Reads a file: a line of names, the first of which is `time`, then a line of numbers for each time, s.
+    /// Reads a file of columns, of which `time` is the time, s, and the others are inputs. In CSV the time is the first.
     ///
     /// # Errors
     /// What is wrong, with its line; a name that is no input of the unit.
-    pub fn read(file: &Path, description: &ModelDescription) -> Result<Self, Error> {
-        let Read { inputs, others } = Self::read_some(file, description)?;
-        let Some(TableColumn { name, .. }) = others.first() else { return Ok(inputs) };
+    pub fn read(file: &Path, description: &ModelDescription) -> Result<Read, Error> {
+        let read = Self::read_some(file, description)?;
+        let Some(TableColumn { name, .. }) = read.others.first() else { return Ok(read) };
         let known: Vec<_> = of_unit(description).map(|variable| variable.name.as_str()).collect();
         let choice = near::choice(name, &known, SHOWS_VARIABLES);
-        let reason = format!("line 1: the FMU has no input `{name}`; {choice}");
+        let reason = format!("{}the FMU has no input `{name}`; {choice}", read.head);
         Err(Error::Description { file: file.to_owned(), reason })
     }
 
@@ -81,38 +88,41 @@ impl Inputs {
     /// The line that is wrong, with the reason.
     pub fn read_some(file: &Path, description: &ModelDescription) -> Result<Read, Error> {
         let refuse = |reason: String| Error::Description { file: file.to_owned(), reason };
-        let opened = text_file::open(file).map_err(Error::file(file))?;
-        let table = Table::read(BufReader::new(opened), &[]).map_err(|fault| refuse(fault.to_string()))?;
-        let Table { mut columns, lines } = table;
-        let time = columns.remove(0);
-        let unit = time.unit.as_deref().unwrap_or("s");
-        let Some([factor, over]) = seconds(unit).filter(|_| TIMES.contains(&time.name.as_str())) else {
-            let given = time.unit.as_ref().map_or_else(String::new, |unit| format!(" in {unit}"));
-            let allowed = "must be `time`, in s, ms, us, min or h";
-            return Err(refuse(format!("line 1: the first column is `{}`{given}: {allowed}", time.name)));
-        };
-        let refuse_at = |row: usize, reason: String| refuse(format!("line {}: {reason}", lines[row]));
-        if let Some(row) = time.values.iter().position(|time| time.is_nan()) {
+        let mut table = tables::read(file, &[])?;
+        let head = table.head();
+        let [factor, over] = time_in_s(&mut table).map_err(|reason| refuse(format!("{head}{reason}")))?;
+        let refuse_at = |row: usize, reason: String| refuse(format!("{}: {reason}", table.place(row)));
+        let mut columns = table.columns.iter();
+        let Some(time) = columns.next() else { return Err(refuse("has no columns".to_owned())) };
+        if let Some(row) = time.values.iter().position(|time| !time.is_finite()) {
             return Err(refuse_at(row, format!("{} must be a finite number", time.name)));
         }
-        if let Some(row) = (1..lines.len()).find(|&row| time.values[row] < time.values[row - 1]) {
-            let reason = format!("time = {}: must not be before the time of the line above", time.values[row]);
+        if let Some(row) = (1..table.rows()).find(|&row| time.values[row] < time.values[row - 1]) {
+            let above = if head.is_empty() { "row before" } else { "line above" };
+            let reason = format!("time = {}: must not be before the time of the {above}", time.values[row]);
             return Err(refuse_at(row, reason));
         }
         let times = time.values.iter().map(|time| time * factor / over).collect();
-        let mut read = Read { inputs: Inputs { times, columns: Vec::new() }, others: Vec::new() };
+        let mut inputs = Inputs { times, columns: Vec::new() };
+        let (mut others, mut converted) = (Vec::new(), Vec::new());
         for column in columns {
             let Some(variable) = of_unit(description).find(|variable| variable.name == column.name) else {
-                read.others.push(column);
+                others.push(column.clone());
                 continue;
             };
             let wrong = |Wrong { row, reason }: Wrong| match row {
                 Some(row) => refuse_at(row, reason),
-                None => refuse(format!("line 1: {reason}")),
+                None => refuse(format!("{head}{reason}")),
             };
-            read.inputs.columns.push(Column::read(&column, variable).map_err(wrong)?);
+            inputs.columns.push(Column::read(column, variable).map_err(wrong)?);
+            converted.extend(conversion(column, variable));
         }
-        Ok(read)
+        let mut assumed = table.assumed;
+        let (name, unit) = (&time.name, time.unit.as_deref().unwrap_or("s"));
+        assumed.push(format!("the time is the column `{name}`, in {unit}"));
+        assumed.extend(converted);
+        assumed.extend(inputs.assumed(description));
+        Ok(Read { inputs, others, assumed, left_out: table.left_out, head })
     }
 
     /// Inputs of a unit in memory; all of them constant from time to time if asked for.
@@ -154,6 +164,31 @@ impl Inputs {
     /// The variables of a unit that have values here.
     pub fn variables<'a>(&self, description: &'a ModelDescription) -> impl Iterator<Item = &'a Variable> {
         of_unit(description).filter(|variable| self.has(variable.reference))
+    }
+
+    /// Assumptions about them, in words.
+    fn assumed(&self, description: &ModelDescription) -> Vec<String> {
+        let joined = |which: &dyn Fn(&Column, &Variable) -> bool| {
+            let name = |column: &Column| {
+                let mut own = of_unit(description).filter(|variable| variable.reference == column.reference);
+                own.find(|variable| which(column, variable)).map(|variable| variable.name.as_str())
+            };
+            let names: Vec<_> = self.columns.iter().filter_map(name).collect();
+            names.join(", ")
+        };
+        let jumps = self.times.windows(2).filter(|pair| pair[0] == pair[1]);
+        let jumps: Vec<_> = jumps.map(|pair| format!("{} s", pair[0])).collect();
+        let more = jumps.len().saturating_sub(SHOWN_JUMPS);
+        let jumps = jumps[..jumps.len() - more].join(", ");
+        let jumps = if more > 0 { format!("{jumps} and {more} more") } else { jumps };
+        let is_parameter = |variable: &Variable| variable.causality == "parameter";
+        let lines = [
+            ("jumps, since two rows have the same time: ", jumps),
+            ("interpolated linearly: ", joined(&|column, _| column.kind == Kind::Continuous)),
+            ("zero-order hold: ", joined(&|column, own| column.kind != Kind::Continuous && !is_parameter(own))),
+            ("set parameters, from row to row: ", joined(&|_, own| is_parameter(own))),
+        ];
+        lines.iter().filter(|(_, names)| !names.is_empty()).map(|(words, names)| format!("{words}{names}")).collect()
     }
 
     /// The times, s.
@@ -215,6 +250,26 @@ impl Inputs {
 fn of_unit(description: &ModelDescription) -> impl Iterator<Item = &Variable> {
     let may_move = |v: &&Variable| v.causality == "input" || v.causality == "parameter" && v.variability == "tunable";
     description.variables.iter().filter(may_move).filter(|v| v.kind != "String")
+}
+
+/// Moves the column of times to the front; numerator and denominator of its unit in s.
+fn time_in_s(table: &mut Table) -> Result<[f64; 2], String> {
+    let is_time = |column: &TableColumn| TIMES.contains(&column.name.as_str());
+    let named = |name: &&str| table.columns.iter().position(|column| column.name == **name);
+    let place = if is_time(&table.columns[0]) { 0 } else { TIMES.iter().find_map(named).unwrap_or(0) };
+    table.columns[..=place].rotate_right(1);
+    let time = &table.columns[0];
+    let given = time.unit.as_ref().map_or_else(String::new, |unit| format!(" in {unit}"));
+    seconds(time.unit.as_deref().unwrap_or("s")).filter(|_| is_time(time)).ok_or_else(|| {
+        let first = if is_time(time) { "the time" } else { "the first column" };
+        format!("{first} is `{}`{given}: must be `time`, in s, ms, us, min or h", time.name)
+    })
+}
+
+/// The conversion of a column to the unit of its variable, in words; none where both are the same.
+pub fn conversion(column: &TableColumn, variable: &Variable) -> Option<String> {
+    let (given, own) = (column.unit.as_ref()?, variable.measure.as_ref()?);
+    (*given != own.name).then(|| format!("{} was converted from {given} to {}", column.name, own.name))
 }
 
 /// The values of a column in the unit of a variable.

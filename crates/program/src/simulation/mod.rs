@@ -12,7 +12,7 @@ mod settling;
 
 pub use alone::{Alone, AloneEvent};
 pub use closed_loop::{Change, ClosedLoop, Place};
-pub use inputs::{Inputs, Read, values_of};
+pub use inputs::{Inputs, Read, conversion, values_of};
 pub use loaded::LoadedLoop;
 pub(crate) use loaded::LoadedUnit;
 pub use recording::Recording;

@@ -1,12 +1,11 @@
 //! A record against what a unit does with it: before a loop is closed, the controls that a controller would have given.
 
-use adaptive_fmu_identification::csv::Column;
-
 use super::inputs::values_of;
 use super::recording::Recording;
 use crate::error::{Error, Invalid};
 use crate::model_description::ModelDescription;
 use crate::near;
+use crate::tables::Column;
 
 /// Delays of the record that are tried, in communication steps.
 const DELAYS: usize = 4;

@@ -11,7 +11,7 @@ use adaptive_fmu::estimation::{Estimated, Found, Recorded, Sought, Task};
 use adaptive_fmu::fmu::Fmu;
 use adaptive_fmu::model_description::Variable;
 use adaptive_fmu::report::number;
-use adaptive_fmu::simulation::{Inputs, values_of};
+use adaptive_fmu::simulation::{Inputs, conversion, values_of};
 use adaptive_fmu::template::counted;
 use adaptive_fmu::tuning::parameter_set;
 use adaptive_fmu_identification::{Fits, Free, Model, RecordOf, Units};
@@ -177,6 +177,7 @@ fn recorded(arguments: &Arguments, fmu: &Fmu, read: &Read, outputs: &[String]) -
     let refuse = |reason: String| Error::Argument(Invalid::because(format!("{}: {reason}", record.name)));
     let measured = |name: &String| {
         let (column, variable) = (column(name)?, fmu.description.variable(name));
+        variable.and_then(|own| conversion(column, own)).iter().for_each(|line| detail!("{}: {line}", record.name));
         variable.map_or_else(|| Ok(column.values.clone()), |own| values_of(column, own)).map_err(refuse)
     };
     let outputs = outputs.iter().map(measured).collect::<Result<_, _>>()?;
