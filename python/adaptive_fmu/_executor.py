@@ -25,7 +25,7 @@ RETRIES = 2
 #: Longest time to wait until workers have removed files, s.
 PATIENCE = 5.0
 #: Options whose values are files that workers read.
-READ = ("--case=", "--worst-of=", "--fmu=")
+READ = ("--case=", "--worst-of=", "--fmu=", "--hold-out=", "--structure=")
 #: Options about files that only the process of the caller writes.
 WRITTEN = ("--out=", "--force", "--resume", "--tag=", "--page=", "--worst=")
 
