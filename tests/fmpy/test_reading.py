@@ -69,6 +69,12 @@ def test_a_comparison_is_no_wider_than_its_screen(browser: Any, compared: tuple[
     shown = browser.new_page(viewport={"width": width, "height": 900})
     shown.goto(compared[0].as_uri())
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
+    # Nor where a pointer shows all values.
+    plot = shown.locator(".plot").first.bounding_box()
+    for part in (0.3, 0.6, 0.95):
+        shown.mouse.move(plot["x"] + part * plot["width"], plot["y"] + 100)
+        assert shown.locator(".told").first.is_visible()
+        assert shown.evaluate("document.documentElement.scrollWidth") <= width
     table, legend = shown.locator("#metrics").bounding_box(), shown.locator(".legend").first.bounding_box()
     assert table["x"] + table["width"] <= width and legend["x"] + legend["width"] <= width
     shown.close()

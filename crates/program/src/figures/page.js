@@ -314,6 +314,8 @@ class Diagram {
     const [, quantity, unit] = /^(.*?)(?: \((.*)\))?$/.exec(this.x);
     this.told.replaceChildren(`${quantity} = ${digits(Number.isFinite(time) ? time : wanted)} ${unit ?? ''}`, ...lines);
     this.told.hidden = false;
+    // Its width where nothing narrows it.
+    this.told.style.left = '0';
     const x = this.scale.across(Number.isFinite(time) ? time : wanted), room = this.plot.clientWidth - this.told.offsetWidth;
     this.told.style.left = `${x + 12 < room ? x + 12 : Math.max(0, x - 12 - this.told.offsetWidth)}px`;
     this.mark.setAttribute('d', `M${x},${TOP}V${this.scale.bottom}${marks}`);

@@ -43,7 +43,7 @@ pub const DIAGRAMS: &str = "
   .peak { display: block; margin-left: 76px; color: #0b5394; text-decoration: underline; }
   .peak[hidden] { display: none; }
   .told { position: absolute; top: 14px; padding: .1em .5em; background: #fffd; border: 1px solid #ccc; font-size: .8em;
-    pointer-events: none; z-index: 1; }
+    pointer-events: none; z-index: 1; max-width: 100%; box-sizing: border-box; overflow-wrap: anywhere; }
   .told div::before { content: '\\25ac '; color: var(--colour); }
   @media (max-width: 50em) { .diagram { display: block; }
     .legend { flex-flow: row wrap; gap: 0 1.2em; margin: .2em 0 0 1em; } }

@@ -123,8 +123,8 @@ fn points_for_a_page_are_few_and_lie_on_the_curve_as_far_as_a_reader_zooms() {
 #[test]
 fn wherever_a_pointer_is_a_point_is_near_also_on_a_straight_line() {
     let diagram = diagram(vec![given("y", "V", Part::Own, |time| 2.0 * time)]);
-    let told = diagram.with_points(250);
-    let x: Vec<f64> = told["curves"][0]["x"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    let numbers = diagram.with_points(250);
+    let x: Vec<f64> = numbers["curves"][0]["x"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
     let (start, end) = diagram.span();
     assert!(x.len() <= 130 && x.windows(2).all(|pair| pair[1] - pair[0] <= 2.0 / 125.0 * (end - start)), "{x:?}");
 }
