@@ -48,6 +48,7 @@ def compare(
     step: float | None = None,
     composite: bool = False,
     out: PathLike | None = None,
+    **labelled: Run,
 ) -> pd.DataFrame:
     """Run loops and return their metrics side by side: one row per metric, one column per run, and `limit`.
 
@@ -57,6 +58,7 @@ def compare(
     step: communication step, s. Default: each loop's own.
     composite: True to simulate each loop as one continuous system. Default: False.
     out: folder for the results and a page with common diagrams, comparison/index.html. Default: None, nothing is written.
+    labelled: further runs by the labels that their columns and curves have.
 
     Raises `Error` if an FMU fails. Metrics that a run has no value for are NaN.
 
@@ -64,15 +66,22 @@ def compare(
     >>> table = adaptive_fmu.compare("3.2.1-cosine", ("3.2.1-cosine", {"plant.omega": 2.5}), until=6)
     >>> table.columns.to_list()
     ['limit', '3.2.1-cosine', '3.2.1-cosine@plant.omega=2.5']
+    >>> table = adaptive_fmu.compare(usual="3.2.1-cosine", strong=("3.2.1-cosine", {"plant.omega": 2.5}), until=6)
+    >>> table.columns.to_list()
+    ['limit', 'usual', 'strong']
     """
+    for label in labelled:
+        if label == "limit" or any(sign in label for sign in "=:@/\\"):
+            raise ArgumentError(f"label {label!r}: must not be limit, and have none of = : @ / \\")
+    named = [f"{label}={_run_text(run)}" for label, run in labelled.items()]
     with _folder(out) as folder:
         request = ["compare", "--json", f"--out={folder}", *(["--composite"] if composite else [])]
         for option, value in (("--until", until), ("--step", step)):
             request += [f"{option}={number(value)}"] if value is not None else []
-        results = done([*request, "--", *map(_run_text, runs)]).json()["loops"]
+        results = done([*request, "--", *map(_run_text, runs), *named]).json()["loops"]
     columns: dict[str, dict[str, float | None]] = {"limit": {}}
     for loop in results:
-        columns[loop["loop"]] = {metric["label"]: metric["value"] for metric in loop["metrics"]}
+        columns[loop["label"]] = {metric["label"]: metric["value"] for metric in loop["metrics"]}
         columns["limit"] |= {metric["label"]: metric["limit"] for metric in loop["metrics"]}
     return pd.DataFrame(columns, dtype=float).rename_axis("metric")
 

@@ -90,7 +90,7 @@ def test_the_server_listens_on_the_loopback_address_alone(explored: Explored) ->
     assert own == [f"0100007F:{explored.port:04X}"]
 
 
-@pytest.mark.parametrize("path", ["/", "/explore.js", "/controls.js", "/diagrams.js", "/explore.css", "/loop"])
+@pytest.mark.parametrize("path", ["/", "/explore.js", "/controls.js", "/steps.js", "/diagrams.js", "/explore.css", "/loop"])
 def test_nothing_is_told_without_the_token(explored: Explored, path: str) -> None:
     for token in [None, "", explored.token[:-1], "0" * len(explored.token)]:
         status, text = explored.ask("GET", path, X_Token=token)

@@ -226,6 +226,28 @@ def test_the_page_loads_nothing_and_judges_its_advice(tmp_path: Path) -> None:
         assert title in page
 
 
+def test_a_part_of_a_league_has_no_advice_on_what_was_not_run(tmp_path: Path) -> None:
+    file = study(tmp_path)
+    text, sometimes = file.read_text(), '[[advice]]\nwhen = "sometimes"\n'
+    further = [
+        '[[advice]]\nwhen = "other"\ntake = "q"\nbecause = "{integrator/q.failed}"\n',
+        '[[advice]]\nwhen = "both"\ntake = "q"\nbecause = ""\nholds = ["integrator/q.failed < integrator/p.failed"]\n',
+        '[[advice.within]]\nwhen = "within"\ntake = "p"\nbecause = "{integrator/p.failed}"\n',
+        '[[advice]]\nwhen = "only q"\n[[advice.within]]\nwhen = "q"\ntake = "q"\nbecause = "{integrator/q.failed}"\n',
+    ]
+    controller = text[text.index("[[plant.controller]]") :]
+    file.write_text(text.replace(sometimes, "".join(further) + sometimes) + controller.replace('"p"', '"q"', 1))
+    answer = adaptive_fmu("league", "--study", file, "--out", tmp_path / "out", "--only", "integrator/p", "--quick", "--json")
+    lines = json.loads(answer.stdout)["advice"]
+    assert [(line["when"], line["take"], len(line["within"])) for line in lines] == [
+        ("always", "p", 0),
+        ("both", "", 1),
+        ("sometimes", "", 1),
+    ]
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "<li>both:\n" in page and "within" in page and "<li>other" not in page and "Not known" not in page
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [

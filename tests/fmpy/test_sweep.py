@@ -68,6 +68,19 @@ def test_its_page_has_a_diagram_a_metric_and_a_curve_a_run(gains: Path) -> None:
     assert len(page.get_element_by_id("runs").findall(".//tr")) == 1 + 3
 
 
+def test_its_axes_have_the_words_of_those_of_a_run(tmp_path: Path) -> None:
+    motor, short = ROOT / "examples" / "own" / "dc_motor", ["--until", "2", "--step", "0.005"]
+    answer = adaptive_fmu("sweep", motor, "--over", "motor.B[2,1]=400,600", *short, "--json", "--out", tmp_path)
+    page = html.document_fromstring((Path(json.loads(answer.stdout)["results"]) / "index.html").read_text())
+    axes = {svg.get("aria-label"): svg.xpath("./*[local-name() = 'text'][not(@x) or @y = '312']/text()") for svg in page.iter("svg")}
+    ran = adaptive_fmu("run", motor, *short, "--json", "--out", tmp_path)
+    drawn = html.document_fromstring((Path(json.loads(ran.stdout)["results"]) / "index.html").read_text())
+    plots = [json.loads(script.text) for script in drawn.xpath("//script[@type='application/json']")]
+    of_run = {curve["name"]: [plot["x"], plot["y"]] for plot in plots for curve in plot["curves"]}
+    assert axes["motor.speed"] == of_run["motor.speed"] == ["time (s)", "angular speed (rad/s)"]
+    assert all(axes[name] == of_run[name] for name in axes if name in of_run)
+
+
 def test_a_metric_that_no_run_has_is_told_so_and_a_limit_is_named(tmp_path: Path) -> None:
     folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--until", "1")
     page = html.document_fromstring((folder / "index.html").read_text())

@@ -15,7 +15,7 @@ use super::open::OpenOption;
 use super::progress::{self, Bars};
 use super::results;
 use super::run::{self, Run, exit_code};
-use super::specification::Specification;
+use super::specification::{Labelled, Specification};
 use crate::console;
 
 /// Where the common page goes.
@@ -27,9 +27,10 @@ pub struct Arguments {
     /// Two or more of: LOOP, LOOP@FILE.ssv, LOOP:name=value,name=value, folder of earlier results.
     ///
     /// LOOP is a loop of this package or an SSP. @FILE.ssv applies a parameter set. :name=value sets a value of a
-    /// component, where name is UNIT.variable. UNIT may be omitted if only one component has such a variable.
+    /// component, where name is UNIT.variable. UNIT may be omitted if only one component has such a variable. LABEL=
+    /// before any of these names the run in tables and diagrams, as in warm=LOOP:plant.mass=2.
     #[arg(value_name = "RUN", required = true, num_args = 2..)]
-    runs: Vec<Specification>,
+    runs: Vec<Labelled>,
     /// Folder for the results of each loop and for the common page in comparison/
     #[arg(long, default_value = "results")]
     out: PathBuf,
@@ -56,15 +57,17 @@ impl Compared {
         }
     }
 
-    fn told(&self) -> Value {
-        match self {
+    fn told(&self, label: &str) -> Value {
+        let mut told = match self {
             Compared::Made(run) => run.told(),
             Compared::Earlier(run, folder) => {
                 let Report { structure, measured, ending, recording, .. } = run.report();
                 json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured,
                         "warnings": recording.warnings, "results": console::path(folder), "seconds": null })
             }
-        }
+        };
+        told["label"] = label.into();
+        told
     }
 }
 
@@ -74,12 +77,13 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     output::check(out, FOLDER, &[PAGE])?;
     let bars = Bars::new(*json);
     // All of them are checked before anything runs.
-    let planned = runs.iter().map(|it| it.options(options)).collect::<Result<Vec<_>, Error>>()?;
+    let planned = runs.iter().map(|it| it.run.options(options)).collect::<Result<Vec<_>, Error>>()?;
     for (run, options) in runs.iter().zip(&planned) {
-        run.name().map_or(Ok(()), |name| options.check(name))?;
+        run.run.name().map_or(Ok(()), |name| options.check(name))?;
     }
     require_places_of_their_own(runs, &planned, out)?;
-    let one = |place: usize| match &runs[place] {
+    let labels = runs;
+    let one = |place: usize| match &runs[place].run {
         Specification::Results(folder) => {
             Ok(Compared::Earlier(Box::new(results::earlier(folder)?.run()?), folder.clone()))
         }
@@ -99,23 +103,27 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         let interrupted = Ok(ExitCode::from(progress::INTERRUPTED));
         return without.failure.take().map_or(interrupted, Err);
     }
-    let comparison = Comparison { runs: runs.iter().map(Compared::report).collect() };
+    let label = |(run, Labelled { label, .. }): (&Compared, &Labelled)| {
+        label.clone().unwrap_or_else(|| run.report().structure.name.clone())
+    };
+    let labels: Vec<String> = runs.iter().zip(labels).map(label).collect();
+    let comparison = Comparison { runs: runs.iter().map(Compared::report).collect(), labels };
     let page = out.join(FOLDER).join(PAGE);
     let html = comparison.html().map_err(|reason| Error::Loop { file: page.clone(), reason })?;
     let mut files = output::Files::within(out, FOLDER)?;
     files.add(PAGE, html)?;
     files.place()?;
     if *json {
-        let told: Vec<Value> = runs.iter().map(Compared::told).collect();
+        let told: Vec<Value> = runs.iter().zip(&comparison.labels).map(|(run, label)| run.told(label)).collect();
         say!("{}", json!({ "loops": told, "page": console::path(&page) }));
     } else {
         console::text(&comparison.table());
         aside!("page with all plots: {}", page.display());
     }
     open.show(&page);
-    for report in &comparison.runs {
+    for (report, label) in comparison.runs.iter().zip(&comparison.labels) {
         if let Some(shortfall) = report.shortfall() {
-            tell!("{} {shortfall}", report.structure.name);
+            tell!("{label} {shortfall}");
         }
     }
     let verdicts = comparison.runs.iter().map(adaptive_fmu::results::Report::verdict);
@@ -123,10 +131,14 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 }
 
 /// Refuses runs that would leave their results in the same place, or in that of results that are compared.
-fn require_places_of_their_own(runs: &[Specification], planned: &[LoopOptions], out: &Path) -> Result<(), Error> {
-    let mut places = HashSet::new();
+fn require_places_of_their_own(runs: &[Labelled], planned: &[LoopOptions], out: &Path) -> Result<(), Error> {
+    let (mut places, mut labels) = (HashSet::new(), HashSet::new());
     for (run, options) in runs.iter().zip(planned) {
-        let (shown, place) = match run {
+        if let Some(label) = run.label.as_ref().filter(|label| !labels.insert(label.as_str())) {
+            let reason = "two runs have this label. Give each its own".to_owned();
+            return Err(Error::Loop { file: label.into(), reason });
+        }
+        let (shown, place) = match &run.run {
             Specification::Results(folder) => (folder.display().to_string(), folder.clone()),
             Specification::Loop { name, .. } => {
                 let structure = LoopFiles::find(name)?.structure()?;

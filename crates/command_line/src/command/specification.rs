@@ -12,6 +12,45 @@ use super::loop_options::LoopOptions;
 use super::names::Names;
 use super::ready;
 
+/// What is compared, with the label that it is to have.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Labelled {
+    /// Its name in tables and diagrams.
+    pub label: Option<String>,
+    /// What it is.
+    pub run: Specification,
+}
+
+impl FromStr for Labelled {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // A path may hold the sign, too.
+        let found = text.split_once('=').filter(|(label, _)| !label.contains(NO_LABEL) && !Path::new(text).exists());
+        let (label, run) = found.map_or((None, text), |(label, run)| (Some(label.trim()), run));
+        if label.is_some_and(|label| label.is_empty() || label.chars().any(char::is_control)) {
+            return Err(format!("the label before = must not be empty; {FORM}"));
+        }
+        Ok(Labelled { label: label.map(str::to_owned), run: run.parse()? })
+    }
+}
+
+impl Labelled {
+    /// What the results of such a run are stored under: its label, or what the run has in addition to its loop.
+    pub fn tag(&self) -> Option<String> {
+        self.label.as_deref().map(plain).or_else(|| self.run.tag())
+    }
+}
+
+/// Characters that no label has.
+const NO_LABEL: [char; 4] = [':', '@', '/', '\\'];
+
+/// A text as a part of a folder's name.
+fn plain(text: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "_-.,=+".contains(c) { c } else { '_' };
+    text.chars().map(plain).collect::<String>().trim_start_matches('.').to_owned()
+}
+
 /// One of what is compared.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Specification {
@@ -21,7 +60,8 @@ pub enum Specification {
     Loop { name: String, cases: Vec<String>, values: Vec<String> },
 }
 
-const FORM: &str = "must be LOOP, LOOP@FILE.ssv, LOOP:name=value,name=value or a folder of results";
+const FORM: &str =
+    "must be [LABEL=]LOOP, [LABEL=]LOOP@FILE.ssv, [LABEL=]LOOP:name=value,name=value or [LABEL=] a folder of results";
 
 impl FromStr for Specification {
     type Err = String;
@@ -85,9 +125,7 @@ impl Specification {
         let Specification::Loop { cases, values, .. } = self else { return None };
         let stem = |case: &String| Path::new(case).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let parts: Vec<String> = cases.iter().map(stem).chain(values.iter().cloned()).collect();
-        let plain = |c: char| if c.is_alphanumeric() || "_-.,=+".contains(c) { c } else { '_' };
-        let tag: String = parts.join(",").chars().map(plain).collect();
-        (!tag.is_empty()).then(|| tag.trim_start_matches('.').to_owned())
+        (!parts.is_empty()).then(|| plain(&parts.join(",")))
     }
 
     /// The options of such a run, from those of all: its parameter sets come behind theirs, and so do its values.
@@ -140,6 +178,21 @@ mod tests {
         let values = "3.2.1-cosine:theta[1,2]=3,controller.adaptation_gain = 1e5";
         assert_eq!(read(values), of(known, &[], &["theta[1,2]=3", "controller.adaptation_gain = 1e5"]));
         assert_eq!(read("c:/loops/mine:x=1"), of("c:/loops/mine", &[], &["x=1"]));
+    }
+
+    #[test]
+    fn a_label_is_before_the_first_sign() {
+        let read = |text: &str| text.parse::<Labelled>().unwrap();
+        let warm = read("warm = 3.2.1-cosine:theta[1,2]=3,x=-1");
+        assert_eq!((warm.label.as_deref(), warm.tag().as_deref()), (Some("warm"), Some("warm")));
+        assert_eq!(warm.run, of("3.2.1-cosine", &[], &["theta[1,2]=3", "x=-1"]));
+        assert_eq!(read("20 °C=3.2.1-cosine@a/fast.ssv").tag().as_deref(), Some("20__C"));
+        let bare = read("3.2.1-cosine:x=1");
+        assert_eq!((bare.label.as_deref(), bare.tag().as_deref()), (None, Some("x=1")));
+        assert_eq!(read("c:/loops/mine:x=1").label, None);
+        for text in ["=3.2.1-cosine", "warm=", "a\nb=3.2.1-cosine"] {
+            assert!(text.parse::<Labelled>().is_err(), "{text}");
+        }
     }
 
     #[test]

@@ -84,7 +84,7 @@ impl Word {
 
 impl Words {
     /// One by one.
-    pub(crate) fn each(&self) -> &[Word] {
+    pub fn each(&self) -> &[Word] {
         match self {
             Words::One(word) => std::slice::from_ref(word),
             Words::Each(words) => words,

@@ -17,7 +17,8 @@ class Control {
     Object.assign(this, given, {id, values, onChoose});
     this.label = made('label', {htmlFor: id, title: this.description}, this.name.slice(this.unit.length + 1));
     if (this.measure && this.measure !== '1') this.label.append(' ', made('small', {}, `(${this.measure})`));
-    this.label.append(' ', made('small', {}, this.description));
+    const description = this.acts ? `${this.acts}: ${this.description}` : this.description;
+    this.label.append(' ', made('small', {}, description));
     this.back = made('button', {type: 'button'}, '↺');
     this.back.addEventListener('click', () => this.choose(this.values.start(this.name)));
     this.wrong = made('p', {className: 'wrong bad', hidden: true});

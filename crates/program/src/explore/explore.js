@@ -7,7 +7,7 @@ const $ = id => document.getElementById(id);
 
 let loop = null, asItIs = null, lastTook = 0;
 // The case, and the values that differ from those of the case.
-let chosen = {case: null, values: {}};
+let chosen = {case: null, values: {}}, steps = null;
 const controls = new Map(), drawn = [];
 
 const starts = () => loop.cases.find(known => known.name === chosen.case)?.values ?? loop.cases[0].values;
@@ -30,8 +30,8 @@ const filter = () => {
   for (const group of $('sliders').children) {
     let any = false;
     for (const place of group.querySelectorAll('.slider')) {
-      const {name, description, first} = controls.get(place.dataset.name);
-      const text = `${name} ${description}`.toLowerCase();
+      const {name, acts, description, first} = controls.get(place.dataset.name);
+      const text = `${name} ${acts ?? ''} ${description}`.toLowerCase();
       const isFound = words.length ? words.every(word => text.includes(word)) : $('all').checked || first;
       place.hidden = !(isFound || name in chosen.values && !words.length);
       any ||= !place.hidden;
@@ -53,11 +53,13 @@ const fromLink = () => {
     if (value !== undefined && value !== starts()[name]) chosen.values[name] = value;
   }
   $('case').value = chosen.case ?? '';
+  steps.texts = link.getAll('event');
 };
 
 const toLink = () => {
   const link = new URLSearchParams(chosen.values);
   if (chosen.case !== null) link.set('case', chosen.case);
+  steps.texts.forEach(text => link.append('event', text));
   const text = String(link);
   history.replaceState(null, '', text ? `#${text}` : `${location.pathname}${location.search}`);
 };
@@ -65,6 +67,8 @@ let linking = null;
 
 // ---- runs
 
+// What the last run has drawn, and what the run before the last change had.
+let last = null, ghost = null;
 let number = 0, flying = null, isWanted = false, later = null, settling = null;
 // A while after the last change, in ms, metrics are measured with the loop's own communication step.
 const PAUSE = 400;
@@ -72,6 +76,8 @@ const PAUSE = 400;
 // Something was changed: the loop is run with the latest values, at most one run at a time.
 const change = () => {
   isWanted = true;
+  // While a slider moves, what was there before it did.
+  if (document.body.dataset.settled) ghost = last;
   document.body.dataset.settled = '';
   clearTimeout(settling);
   clearTimeout(linking);
@@ -94,8 +100,8 @@ const pump = () => {
 const run = async (fine = false) => {
   flying?.stop.abort();
   const mine = flying = {number: ++number, fine, begun: performance.now(), stop: new AbortController()};
-  const wanted = {number: mine.number, fine, case: chosen.case, values: chosen.values};
-  const isPlain = chosen.case === null && !Object.keys(chosen.values).length;
+  const wanted = {number: mine.number, fine, case: chosen.case, values: chosen.values, events: steps.events};
+  const isPlain = chosen.case === null && !steps.events.length && !Object.keys(chosen.values).length;
   try {
     await backend.run(wanted, mine.stop.signal, line => {
       if (flying === mine) take(line, isPlain, performance.now() - mine.begun);
@@ -147,15 +153,17 @@ const wrong = reason => {
 };
 
 // A unit doesn't take these values: the last curves stay, greyed.
-const refused = ({refused, at}) => {
+const refused = ({refused, at, events}) => {
   controls.forEach(control => control.refuse(null));
-  const places = at.length ? at.map(name => controls.get(name)) : [moved];
+  steps.refuse(refused, events);
+  const places = at.length || events.length ? at.map(name => controls.get(name)) : [moved];
   places.filter(Boolean).forEach(control => control.refuse(refused));
   wrong(`Not run: ${refused}`);
 };
 
-const show = ({fine, diagrams: given, metrics, warnings, shortfall, end, points, seconds}, took) => {
+const show = ({fine, diagrams: given, metrics, warnings, shortfall, events, end, points, seconds}, took) => {
   controls.forEach(control => control.refuse(null));
+  steps.refuse(shortfall, events);
   $('diagrams').classList.remove('stale');
   $('shortfall').textContent = shortfall ? `This run ${shortfall}` : '';
   $('shortfall').hidden = !shortfall;
@@ -166,23 +174,27 @@ const show = ({fine, diagrams: given, metrics, warnings, shortfall, end, points,
   document.body.dataset.run = String(number);
 };
 
-const showDiagrams = given => given.forEach((numbers, k) => {
-  if (drawn[k]) {
-    drawn[k].show(numbers);
-    return;
-  }
-  const place = made('div', {className: 'diagram'});
-  $('diagrams').append(made('h2', {}, numbers.title), place);
-  drawn[k] = new Diagram(place, numbers);
-  diagrams.push(drawn[k]);
-  drawn[k].draw();
-});
+const showDiagrams = given => {
+  last = given;
+  $('ghost').classList.toggle('shown', ghost !== null);
+  given.forEach((numbers, k) => {
+    if (drawn[k]) {
+      drawn[k].show(numbers, ghost?.[k]);
+      return;
+    }
+    const place = made('div', {className: 'diagram'});
+    $('diagrams').append(made('h2', {}, numbers.title), place);
+    drawn[k] = new Diagram(place, numbers);
+    diagrams.push(drawn[k]);
+    drawn[k].draw();
+  });
+};
 
 const showMetrics = (metrics, shortfall, fine) => {
   const about = value => value === null || fine ? written(value) : `≈ ${Number(value.toPrecision(3))}`;
-  const row = ({label, value, limit, holds}, k) => {
+  const row = ({label, value, limit, holds}) => {
     const within = holds === null ? '–' : !fine ? '…' : holds ? 'yes' : 'no';
-    return made('tr', {}, made('td', {}, label), made('td', {className: 'number'}, written(asItIs?.[k]?.value)),
+    return made('tr', {}, made('td', {}, label), made('td', {className: 'number'}, written(asItIs?.find(it => it.label === label)?.value)),
       made('td', {className: 'number'}, about(value)), made('td', {className: 'number'}, limit === null ? '' : String(limit)),
       made('td', {className: holds === false && fine ? 'bad' : ''}, within));
   };
@@ -223,6 +235,11 @@ const downloaded = ({set}) => {
   return ['The parameter set was downloaded.'];
 };
 
+const saved = ({file}) => {
+  const events = steps.texts.map(text => ` --event '${text}'`).join('');
+  return [`Saved: ${file}. With it: run ${loop.name} --case ${file}${events}`];
+};
+
 const exported = ({folder, fmus, left_out: left}) => {
   const files = made('ul', {}, ...fmus.map(file => made('li', {}, file)));
   const kept = left.length ? [`Not exported, because their FMUs are not from this package: ${left.join(', ')}. A parameter set stores their values.`] : [];
@@ -241,6 +258,7 @@ const listen = () => {
   });
   $('reset').addEventListener('click', () => {
     chosen.values = {};
+    steps.texts = [];
     showAll();
     filter();
     change();
@@ -252,7 +270,7 @@ const listen = () => {
     filter();
   });
   $('keep').addEventListener('submit', event => event.preventDefault());
-  $('save').addEventListener('click', () => keep('save', ({file}) => [`Saved: ${file}. With it: run ${loop.name} --case ${file}`]));
+  $('save').addEventListener('click', () => keep('save', saved));
   $('download').addEventListener('click', () => keep('set', downloaded));
   $('export').addEventListener('click', () => keep('export', exported));
   $('link').addEventListener('click', async () => {
@@ -279,6 +297,7 @@ const begin = async () => {
   const then = step > fine ? `; when you pause, metrics use one point every ${fine} s` : '';
   $('form').textContent = `${loop.whole ? 'Simulated as a single FMU' : 'Run as separate FMUs'} from ${start} to ${stop} s, one point every ${step} s${then}.`;
   $('blocks').innerHTML = loop.blocks;
+  steps = new Steps($('steps'), loop.changeable, loop.settings, change);
   for (const {name} of loop.cases) $('case').append(made('option', {value: name ?? ''}, name ?? 'as it is'));
   const groups = new Map();
   const values = {of: valueOf, start: name => starts()[name]};

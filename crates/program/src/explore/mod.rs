@@ -19,6 +19,7 @@ mod parameters;
 mod server;
 mod session;
 mod set;
+mod steps;
 
 pub use cases::{Base, cases, coarse};
 #[cfg(not(target_family = "wasm"))]

@@ -33,8 +33,12 @@ impl Backend {
 const PROGRAM: &str = "program.js";
 
 /// The scripts of any page, in their order, but for those of its backend.
-const SCRIPTS: [(&str, &str); 3] =
-    [("diagrams.js", SCRIPT), ("controls.js", include_str!("controls.js")), ("explore.js", include_str!("explore.js"))];
+const SCRIPTS: [(&str, &str); 4] = [
+    ("diagrams.js", SCRIPT),
+    ("controls.js", include_str!("controls.js")),
+    ("steps.js", include_str!("steps.js")),
+    ("explore.js", include_str!("explore.js")),
+];
 
 /// A file of the page by its name: its type and its text.
 pub(super) fn file(name: &str, backend: Backend) -> Option<(&'static str, String)> {

@@ -33,6 +33,10 @@ const ABOUT_NUMBERS: [&str; 9] = [
 ];
 /// Words of parameters that are turned first.
 const FIRST: [&str; 7] = ["gain", "pole", "bandwidth", "rate", "frequency", "amplitude", "mass"];
+/// Names of gains and of desired dynamics, which contain none of these words.
+const GAINS: [&str; 8] = ["A_m", "K_p", "K_i", "K_d", "omega_c", "omega_o", "k", "g"];
+/// Ends of the names of limits, and of bounds.
+const LIMITS: [&str; 5] = ["_min", "_max", "_bound", "_limit", "_limits"];
 
 /// A parameter with its control.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,6 +47,8 @@ pub struct Parameter {
     pub unit: String,
     /// What it is.
     pub description: String,
+    /// Which signal an element of a system's matrix acts on, and which it takes, where these have names.
+    pub acts: Option<String>,
     /// Its unit of measurement.
     pub measure: String,
     /// What it is moved by.
@@ -143,6 +149,8 @@ impl Parameter {
             .filter_map(|(name, place, variable)| Self::new(structure, loaded, name, place, variable))
             .collect();
         choose(structure, &mut parameters);
+        // Those of a unit stay together: a page has a group of each.
+        parameters.sort_by_key(|parameter| rank(parameter.own_name()));
         parameters
     }
 
@@ -157,7 +165,13 @@ impl Parameter {
         let unit = structure.unit_of(&name)?.name.clone();
         let control = Control::of(structure, &name, variable, &loaded.value_of(place)?)?;
         let (description, measure) = (variable.description.clone(), variable.unit.clone().unwrap_or_default());
-        Some(Parameter { name, unit, description, measure, control, first: false, place })
+        let acts = acts(structure, &unit, &name);
+        Some(Parameter { name, unit, description, acts, measure, control, first: false, place })
+    }
+
+    /// Its name in its unit.
+    fn own_name(&self) -> &str {
+        &self.name[self.unit.len() + 1..]
     }
 
     /// A value that a page sends.
@@ -241,10 +255,10 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
         let given = |name: &str| component.values.iter().any(|value| value.name == name);
         // Best first; none for what doesn't matter at first.
         let worth = |parameter: &Parameter| {
-            let name = &parameter.name[component.name.len() + 1..];
-            let is_word = |words: &[&str]| words.iter().any(|word| name.contains(word));
-            let is_turned = given(name) || is_word(&FIRST);
-            (parameter.control.can_matter() && !is_word(&ABOUT_NUMBERS)).then_some(!is_turned)
+            let (name, rank) = (parameter.own_name(), rank(parameter.own_name()));
+            let is_turned = rank == Rank::Gain || given(name);
+            let can_matter = parameter.control.can_matter() && !ABOUT_NUMBERS.iter().any(|word| name.contains(word));
+            can_matter.then_some((rank == Rank::Limit, !is_turned))
         };
         let of_unit = (0..parameters.len()).filter(|&k| parameters[k].unit == component.name);
         let of_unit: Vec<usize> = of_unit.filter(|&k| worth(&parameters[k]).is_some()).collect();
@@ -253,6 +267,50 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
         sliders.sort_by_key(|&k| worth(&parameters[k]));
         sliders.into_iter().take(most).chain(others).for_each(|k| parameters[k].first = true);
     }
+}
+
+/// How early a parameter is listed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Rank {
+    /// Poles, gains, and what else is turned first.
+    Gain,
+    Other,
+    Limit,
+    Numbers,
+}
+
+fn rank(name: &str) -> Rank {
+    let plain = name.split('[').next().unwrap_or(name);
+    let has = |words: &[&str]| words.iter().any(|word| name.contains(word));
+    if LIMITS.iter().any(|end| plain.ends_with(end)) {
+        Rank::Limit
+    } else if has(&ABOUT_NUMBERS) {
+        Rank::Numbers
+    } else if has(&FIRST) || GAINS.contains(&plain) {
+        Rank::Gain
+    } else {
+        Rank::Other
+    }
+}
+
+/// What an element of a matrix does, `current ← voltage`, where the unit's description names its signals.
+fn acts(structure: &Structure, unit: &str, name: &str) -> Option<String> {
+    let (matrix, indices) = name.strip_prefix(unit)?.strip_prefix('.')?.strip_suffix(']')?.split_once('[')?;
+    let (to, from) = match matrix {
+        "A" | "A_m" => ("x", "x"),
+        "B" | "B_m" => ("x", "u"),
+        "C" => ("y", "x"),
+        "D" => ("y", "u"),
+        _ => return None,
+    };
+    let (row, column) = indices.split_once(',')?;
+    let component = structure.components.iter().find(|component| component.name == unit)?;
+    let description = Description::read(&structure.description_of(&component.fmu).ok()?.text).ok()?;
+    let named = |signal: &str, place: &str| {
+        let place: usize = place.parse().ok()?;
+        description.names.get(signal)?.each().get(place.checked_sub(1)?)?.name().map(str::to_owned)
+    };
+    Some(format!("{} ← {}", named(to, row)?, named(from, column)?))
 }
 
 /// What a unit does in its loop, where it is of a kind of this package.

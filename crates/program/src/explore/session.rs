@@ -1,5 +1,6 @@
 //! A loop that is kept ready: what its page is told of it, and its runs.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +14,8 @@ use serde_json::{Value, json};
 use super::blocks;
 use super::cases::Base;
 use super::clock::Instant;
-use super::parameters::Parameter;
+use super::parameters::{Parameter, written};
+use super::steps::{Step, Steps};
 use crate::error::Error;
 use crate::fmu;
 use crate::results::{Ending, Report, measure};
@@ -73,6 +75,9 @@ pub(super) struct Wanted {
     pub case: Option<String>,
     /// Numbers, truth values, and names of an enumeration's items.
     pub values: BTreeMap<String, Value>,
+    /// Values that variables get from a time on.
+    #[serde(default)]
+    pub events: Vec<Step>,
     /// What files are to be named.
     #[serde(default)]
     pub name: String,
@@ -153,11 +158,17 @@ impl Session {
             json!({ "name": base.name, "values": starts })
         };
         let Settings { start_time, stop_time, step, .. } = self.settings;
+        let changeable = loaded.changeables().filter(|(name, ..)| structure.unit_of(name).is_some());
+        let changeable = changeable.map(|(name, place, variable)| {
+            let value = loaded.value_of(place).map(|value| written(&value, &variable.items).1);
+            json!({ "name": name, "measure": variable.unit, "description": variable.description, "value": value })
+        });
         json!({ "name": structure.name, "description": structure.description, "whole": self.whole,
                 "notes": notes, "blocks": blocks::told(structure),
                 "settings": { "start": start_time, "stop": stop_time, "step": step,
                               "fine_step": self.fine.step },
-                "parameters": self.parameters, "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
+                "parameters": self.parameters, "changeable": changeable.collect::<Vec<_>>(),
+                "cases": self.bases.iter().map(values).collect::<Vec<_>>(),
                 "out": self.out.to_string_lossy() })
     }
 
@@ -206,11 +217,15 @@ impl Session {
         let Some(_turn) = self.turn(wanted, tell) else { return Ok(ended) };
         let mut told = begun;
         let places: Vec<_> = values.into_iter().map(|(parameter, value)| (parameter.place, value)).collect();
-        let closed = match base.loaded.instantiate_with(&places) {
-            Ok(closed) => closed,
-            Err(error) => return Ok(self.refused(&error, wanted)),
-        };
         let settings = if wanted.fine { self.fine } else { self.settings };
+        let Steps { events, changes } = match Steps::new(&base.loaded, &wanted.events, settings) {
+            Ok(steps) => steps,
+            Err((place, reason)) => return Ok(json!({ "refused": reason, "at": [], "events": [place] })),
+        };
+        let closed = match base.loaded.instantiate_changing(&places, &changes) {
+            Ok(closed) => closed,
+            Err(error) => return Ok(refused(&error, wanted)),
+        };
         let Settings { start_time, stop_time, .. } = settings;
         let mut goes_on = true;
         let result = closed.run(settings, |time| {
@@ -228,11 +243,18 @@ impl Session {
             Ok(recording) => (recording, None),
             Err((error, recording)) if recording.times.len() < 2 => {
                 drop(recording);
-                return Ok(self.refused(&error, wanted));
+                return Ok(refused(&error, wanted));
             }
             Err((error, recording)) => (*recording, Some(error)),
         };
-        self.answer(&base.structure, settings, recording, failure, begun)
+        let mut structure = Cow::Borrowed(&base.structure);
+        if !events.is_empty() {
+            structure.to_mut().events.extend(events);
+        }
+        let at = failure.as_ref().map_or_else(Vec::new, |error| wanted.events_of(error));
+        let mut answer = self.answer(&structure, settings, recording, failure, begun)?;
+        answer["events"] = json!(at);
+        Ok(answer)
     }
 
     /// Waits until a run may begin; none where nobody waits for it any more.
@@ -285,23 +307,37 @@ impl Session {
                    "shortfall": report.shortfall(), "end": report.end(), "points": recording.times.len(),
                    "seconds": begun.elapsed().as_secs_f64() }))
     }
+}
 
-    /// That a unit doesn't start with these values, and at which controls that is to be shown.
-    fn refused(&self, error: &Error, wanted: &Wanted) -> Value {
-        let (unit, message) = match error {
-            Error::Unit { unit, function, message, .. } => {
-                (unit.as_str(), message.strip_prefix(&format!("{function}: ")).unwrap_or(message).to_owned())
-            }
-            other => ("", other.to_string()),
-        };
-        let is_named = |name: &&String| {
-            let variable = name.strip_prefix(unit).and_then(|rest| rest.strip_prefix('.'));
-            // A message may be about all elements of a matrix.
-            let whole = name.split('[').next();
-            [Some(name.as_str()), variable, whole].into_iter().flatten().any(|name| names(&message, name))
-        };
-        let at: Vec<&String> = wanted.values.keys().filter(is_named).collect();
-        json!({ "refused": message, "at": at })
+/// The unit that an error comes from, and its message.
+fn unit_and_message(error: &Error) -> (&str, String) {
+    match error {
+        Error::Unit { unit, function, message, .. } => {
+            (unit, message.strip_prefix(&format!("{function}: ")).unwrap_or(message).to_owned())
+        }
+        other => ("", other.to_string()),
+    }
+}
+
+/// True if an error is about a variable of the loop.
+fn is_about(error: &Error, name: &str) -> bool {
+    let (unit, message) = unit_and_message(error);
+    let variable = name.strip_prefix(unit).and_then(|rest| rest.strip_prefix('.'));
+    // A message may be about all elements of a matrix.
+    let whole = name.split('[').next();
+    [Some(name), variable, whole].into_iter().flatten().any(|name| names(&message, name))
+}
+
+/// That a unit doesn't start with these values, and at which controls that is to be shown.
+fn refused(error: &Error, wanted: &Wanted) -> Value {
+    let at: Vec<&String> = wanted.values.keys().filter(|name| is_about(error, name)).collect();
+    json!({ "refused": unit_and_message(error).1, "at": at, "events": wanted.events_of(error) })
+}
+
+impl Wanted {
+    /// The places of the changes during the run whose variables an error is about.
+    fn events_of(&self, error: &Error) -> Vec<usize> {
+        (0..self.events.len()).filter(|&place| is_about(error, &self.events[place].name)).collect()
     }
 }
 

@@ -1,8 +1,8 @@
 // Draws diagrams, and lets a reader zoom them: dragging zooms, time in all diagrams of the page at once; a double click shows
 // all again; a click on a name hides its curve.
 //
-// `new Diagram(place, given)` draws one into an element with the class `diagram`; `diagram.show(given)` draws other numbers
-// in its place, and keeps what is zoomed and hidden. `given` is
+// `new Diagram(place, given)` draws one into an element with the class `diagram`; `diagram.show(given, ghost)` draws other
+// numbers in its place, over the pale curves of `ghost` if there are any, and keeps what is zoomed and hidden. `given` is
 //   title, x, y   words: at the diagram, at the axis of times, at that of values
 //   decades       [low, high], the ends of a logarithmic axis of values; null where it is linear
 //   peak          a peak at the start or at the end, in whose range the rest would be flat: {from, until, value, low, high} are
@@ -12,11 +12,16 @@
 //                 reference, which lies beneath the others), x and y (arrays of one length; null where there is no value)
 // The program decides all of them (src/simulation/diagram); this file decides nothing about what a curve is.
 'use strict';
-const HEIGHT = 330, LEFT = 76, RIGHT = 16, TOP = 10, BOTTOM = 42;
+// Its height in pixels, on a wide and on a narrow screen.
+const WIDE = 330, NARROW = 240;
+const height = () => matchMedia('screen and (max-width: 50em)').matches ? NARROW : WIDE;
+const LEFT = 76, RIGHT = 16, TOP = 10, BOTTOM = 42;
 // A pointer that moves less than this many pixels has not dragged.
 const DRAGGED = 8;
 // How much longer than a peak the time is that is shown of it.
 const AROUND_PEAK = 1.6;
+// Pale curves within so many times the range of the others are in view.
+const WITHIN = 3;
 
 const element = (name, attributes, text) => {
   const made = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -61,11 +66,17 @@ const before = (numbers, value) => {
   return low;
 };
 
+// The place of the number that is nearest to a value.
+const nearest = (numbers, value) => {
+  const k = before(numbers, value);
+  return numbers[k + 1] - value < value - numbers[k] ? k + 1 : k;
+};
+
 const diagrams = [];
 
 class Diagram {
   constructor(place, given) {
-    Object.assign(this, {place, hidden: new Set(), values: null, times: null});
+    Object.assign(this, {place, hidden: new Set(), values: null, times: null, ghosts: []});
     const made = (kind, name, parent) => {
       const made = document.createElement(kind);
       made.className = name;
@@ -86,7 +97,8 @@ class Diagram {
   }
 
   // Draws other numbers.
-  show(given) {
+  show(given, ghost) {
+    this.ghosts = ghost?.curves ?? [];
     this.take(given);
     this.draw();
   }
@@ -122,6 +134,10 @@ class Diagram {
     return this.curves.filter((_, k) => !this.hidden.has(k));
   }
 
+  get pale() {
+    return this.ghosts.filter((_, k) => !this.hidden.has(k));
+  }
+
   // Whether a peak is left out: as long as nobody has zoomed.
   get cut() {
     return Boolean(this.peak) && this.times === this.all && !this.values && !this.whole;
@@ -132,22 +148,31 @@ class Diagram {
     if (this.values) return this.values;
     if (this.cut) return [this.peak.low, this.peak.high];
     if (this.decades && this.times === this.all) return this.decades;
-    let [low, high] = [Infinity, -Infinity];
-    for (const {x, y} of this.visible) {
-      for (let k = before(x, this.times[0]); k < x.length && (k === 0 || x[k - 1] < this.times[1]); k++) {
-        if (y[k] !== null) [low, high] = [Math.min(low, y[k]), Math.max(high, y[k])];
-      }
-    }
+    let [low, high] = this.ends(this.visible);
+    const [least, most] = this.ends(this.pale);
+    if (most - least <= WITHIN * (high - low)) [low, high] = [Math.min(low, least), Math.max(high, most)];
     if (this.decades) return high > 0 ? [Math.max(low, this.decades[0], 1e-9 * high) / 1.2, high * 1.2] : this.decades;
     if (low > high) return [-1, 1];
     const apart = high > low ? 0.06 * (high - low) : 0.1 * Math.max(Math.abs(low), 1);
     return [low - apart, high + apart];
   }
 
+  // The smallest and the largest of what is seen of some curves.
+  ends(curves) {
+    let [low, high] = [Infinity, -Infinity];
+    for (const {x, y} of curves) {
+      for (let k = before(x, this.times[0]); k < x.length && (k === 0 || x[k - 1] < this.times[1]); k++) {
+        if (y[k] !== null) [low, high] = [Math.min(low, y[k]), Math.max(high, y[k])];
+      }
+    }
+    return [low, high];
+  }
+
   // Draws it, so wide.
   draw(width = this.plot.clientWidth || 680) {
     const [from, to] = this.times, [low, high] = this.range();
-    const [right, bottom] = [Math.max(width - RIGHT, LEFT + 50), HEIGHT - BOTTOM];
+    this.height = height();
+    const [right, bottom] = [Math.max(width - RIGHT, LEFT + 50), this.height - BOTTOM];
     this.scale = {
       across: time => LEFT + (time - from) / (to - from) * (right - LEFT),
       up: value => bottom - this.part(value, low, high) * (bottom - TOP),
@@ -158,7 +183,7 @@ class Diagram {
       },
       right, bottom,
     };
-    const drawn = element('svg', {width, height: HEIGHT, role: 'img', 'aria-label': this.title});
+    const drawn = element('svg', {width, height: this.height, role: 'img', 'aria-label': this.title});
     this.axes(drawn);
     // What lies outside is cut off by an inner picture.
     const inside = element('svg', {x: LEFT, y: TOP, width: right - LEFT, height: bottom - TOP,
@@ -168,6 +193,7 @@ class Diagram {
       event.append(element('title', {}, text));
       inside.append(event);
     }
+    for (const curve of this.pale) inside.append(this.line(curve, 'ghost'));
     // References lie beneath.
     for (const beneath of [true, false]) {
       for (const curve of this.visible.filter(curve => curve.beneath === beneath)) inside.append(this.line(curve));
@@ -200,12 +226,12 @@ class Diagram {
       drawn.append(element('path', {class: 'grid', d: `M${LEFT},${up(value)}H${right}`}));
       drawn.append(element('text', {x: LEFT - 6, y: up(value) + 4, 'text-anchor': 'end'}, text));
     }
-    drawn.append(element('text', {x: (LEFT + right) / 2, y: HEIGHT - 6, 'text-anchor': 'middle'}, this.x));
+    drawn.append(element('text', {x: (LEFT + right) / 2, y: this.height - 6, 'text-anchor': 'middle'}, this.x));
     const turned = `translate(13 ${(TOP + bottom) / 2}) rotate(-90)`;
     drawn.append(element('text', {transform: turned, 'text-anchor': 'middle'}, this.y));
   }
 
-  line({x, y, colour, dashes, beneath}) {
+  line({x, y, colour, dashes, beneath}, kind = beneath ? 'curve beneath' : 'curve') {
     const {across, up} = this.scale;
     const end = before(x, this.times[1]) + 2;
     let path = '', gap = true;
@@ -213,7 +239,7 @@ class Diagram {
       if (y[k] !== null) path += `${gap ? 'M' : 'L'}${across(x[k]).toFixed(2)},${up(y[k]).toFixed(2)}`;
       gap = y[k] === null;
     }
-    return element('path', {class: beneath ? 'curve beneath' : 'curve', d: path, stroke: colour,
+    return element('path', {class: kind, d: path, stroke: colour,
       'stroke-dasharray': dashes.join(' ') || 'none'});
   }
 
@@ -271,25 +297,28 @@ class Diagram {
     else this.outline(start, start);
   }
 
-  // The values of all curves at the time under the pointer.
+  // The points of all curves that are nearest to the pointer, each a recorded one.
   tell(across) {
-    const time = this.scale.time(across), lines = [];
-    for (const {name, x, y, colour} of this.visible) {
-      // Between two points, on the line that is drawn.
-      const k = before(x, time), next = y[k + 1] ?? null;
-      const part = next === null ? 0 : Math.min(1, Math.max(0, (time - x[k]) / (x[k + 1] - x[k])));
-      const value = y[k] === null ? null : part > 0 ? y[k] + part * (next - y[k]) : y[k];
-      const line = document.createElement('div');
+    const wanted = this.scale.time(across), lines = [], points = this.visible.map(({x}) => nearest(x, wanted));
+    const times = this.visible.map(({x}, k) => x[points[k]]);
+    const time = times.reduce((a, b) => Math.abs(b - wanted) < Math.abs(a - wanted) ? b : a, Infinity);
+    const digits = value => value === null ? '–' : Number(value.toPrecision(6));
+    let marks = '';
+    this.visible.forEach(({name, y, colour}, k) => {
+      const value = y[points[k]], line = document.createElement('div');
       line.style.setProperty('--colour', colour);
-      line.append(`${name}: ${value === null ? '–' : Number(value.toPrecision(6))}`);
+      line.append(`${name}: ${digits(value)}${times[k] === time ? '' : ` at ${digits(times[k])}`}`);
       lines.push(line);
-    }
+      if (value !== null) marks += `M${this.scale.across(times[k])},${this.scale.up(value)}m-3,0a3,3 0 1 0 6,0a3,3 0 1 0 -6,0`;
+    });
     const [, quantity, unit] = /^(.*?)(?: \((.*)\))?$/.exec(this.x);
-    this.told.replaceChildren(`${quantity} = ${Number(time.toPrecision(6))} ${unit ?? ''}`, ...lines);
+    this.told.replaceChildren(`${quantity} = ${digits(Number.isFinite(time) ? time : wanted)} ${unit ?? ''}`, ...lines);
     this.told.hidden = false;
-    const x = this.scale.across(time), room = this.plot.clientWidth - this.told.offsetWidth;
+    // Its width where nothing narrows it.
+    this.told.style.left = '0';
+    const x = this.scale.across(Number.isFinite(time) ? time : wanted), room = this.plot.clientWidth - this.told.offsetWidth;
     this.told.style.left = `${x + 12 < room ? x + 12 : Math.max(0, x - 12 - this.told.offsetWidth)}px`;
-    this.mark.setAttribute('d', `M${x},${TOP}V${this.scale.bottom}`);
+    this.mark.setAttribute('d', `M${x},${TOP}V${this.scale.bottom}${marks}`);
   }
 }
 

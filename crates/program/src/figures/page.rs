@@ -30,6 +30,7 @@ pub const DIAGRAMS: &str = "
   .plot path { fill: none; }
   .plot .grid { stroke: #e4e4e4; }
   .plot .curve { stroke-width: 1.5; stroke-linejoin: round; }
+  .plot .ghost { stroke-width: 1.5; stroke-opacity: 0.35; }
   .plot .beneath { stroke-width: 3.2; stroke-opacity: .55; }
   .plot .mark { stroke: #888; }
   .plot .event { stroke: #b00020; stroke-dasharray: 2 3; }
@@ -42,11 +43,30 @@ pub const DIAGRAMS: &str = "
   .peak { display: block; margin-left: 76px; color: #0b5394; text-decoration: underline; }
   .peak[hidden] { display: none; }
   .told { position: absolute; top: 14px; padding: .1em .5em; background: #fffd; border: 1px solid #ccc; font-size: .8em;
-    pointer-events: none; z-index: 1; }
+    pointer-events: none; z-index: 1; max-width: 100%; box-sizing: border-box; overflow-wrap: anywhere; }
   .told div::before { content: '\\25ac '; color: var(--colour); }
   @media (max-width: 50em) { .diagram { display: block; }
     .legend { flex-flow: row wrap; gap: 0 1.2em; margin: .2em 0 0 1em; } }
+  #metrics td:first-child, #metrics .label, h1, p { overflow-wrap: anywhere; }
+  #metrics td:first-child, #metrics .label { min-width: 5em; max-width: 20em; }
+  @media (max-width: 50em) { #metrics { font-size: 0.8em; } #metrics td, #metrics th { padding-right: 0.6em; } }
   @media print { .diagram { display: block; } .legend { flex-flow: row wrap; gap: 0 1.2em; } }
+  @media screen { :root { color-scheme: light dark; } }
+  @media screen and (prefers-color-scheme: dark) {
+    body { color: #e8e8e8; background: #15181d; }
+    td, th { border-color: #444; }
+    .bad { color: #ff8a8a; }
+    .plot text { fill: #bbb; }
+    .plot .grid { stroke: #333a42; }
+    .plot .event { stroke: #ff8a8a; }
+    .plot .zoomed { fill: #fff2; }
+    .plot path[stroke='#000000'], .legend path[stroke='#000000'] { stroke: #ddd; }
+    .plot path[stroke='#0072B2'], .legend path[stroke='#0072B2'] { stroke: #4da6e0; }
+    .told { background: #22272eee; border-color: #555; }
+    div[style*='#000000']::before { color: #ddd; }
+    .legend button, .peak { color: inherit; }
+    .chart { background: #f4f4f4; }
+  }
 ";
 /// What draws the diagrams, and lets a reader zoom them.
 pub const SCRIPT: &str = include_str!("page.js");

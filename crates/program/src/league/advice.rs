@@ -21,7 +21,7 @@ pub struct Measured {
     pub within: Vec<Measured>,
 }
 
-/// The advice of a study with its numbers.
+/// The advice of a study with its numbers, without that on pairs that weren't run.
 ///
 /// # Errors
 /// When it names what the league doesn't have.
@@ -30,38 +30,47 @@ pub fn advice(study: &Study, records: &[Record]) -> Result<Vec<Measured>, String
 }
 
 fn all_measured(study: &Study, records: &[Record], lines: &[Advice]) -> Result<Vec<Measured>, String> {
-    lines.iter().map(|advice| measured(study, records, advice)).collect()
+    let lines = lines.iter().map(|advice| measured(study, records, advice)).collect::<Result<Vec<_>, _>>()?;
+    Ok(lines.into_iter().flatten().collect())
 }
 
-fn measured(study: &Study, records: &[Record], advice: &Advice) -> Result<Measured, String> {
-    let mut because = String::new();
+fn measured(study: &Study, records: &[Record], advice: &Advice) -> Result<Option<Measured>, String> {
+    let (mut because, mut ran) = (String::new(), true);
     let mut rest = advice.because.as_str();
     while let Some((before, after)) = rest.split_once('{') {
         let (word, behind) = after.split_once('}').ok_or_else(|| format!("`{}`: {{ without }}", advice.because))?;
         because.push_str(before);
         let (quantity, found) = meant(study, records, word)?;
+        ran &= found.is_some_and(|(_, record)| record.next().is_none());
         let value = found.and_then(|(plant, record)| quantity.of(plant, record));
         because.push_str(&value.map_or("–".to_owned(), |value| quantity.told(value)));
         rest = behind;
     }
     because.push_str(rest);
-    let known = advice.holds.iter().map(|claim| holds(study, records, claim)).collect::<Result<Vec<_>, _>>()?;
+    let known =
+        advice.holds.iter().map(|claim| holds(study, records, claim, &mut ran)).collect::<Result<Vec<_>, _>>()?;
     let holds = known.iter().copied().try_fold(true, |all, one| Some(all && one?));
     let within = all_measured(study, records, &advice.within)?;
-    Ok(Measured { when: advice.when.clone(), take: advice.take.clone(), because, holds, within })
+    if ran && !advice.take.is_empty() {
+        return Ok(Some(Measured { when: advice.when.clone(), take: advice.take.clone(), because, holds, within }));
+    }
+    // It leads to other advice.
+    let (when, take, because) = (advice.when.clone(), String::new(), String::new());
+    Ok((!within.is_empty()).then_some(Measured { when, take, because, holds: Some(true), within }))
 }
 
 /// `A < B` or `A > B`, each a number or PLANT/CONTROLLER.QUANTITY: for certain, where a quantity is known by an interval.
-fn holds(study: &Study, records: &[Record], claim: &str) -> Result<Option<bool>, String> {
+fn holds(study: &Study, records: &[Record], claim: &str, ran: &mut bool) -> Result<Option<bool>, String> {
     let words: Vec<&str> = claim.split_whitespace().collect();
     let [left, sign @ ("<" | ">"), right] = words[..] else {
         return Err(format!("`{claim}` must be A < B or A > B, each a number or PLANT/CONTROLLER.QUANTITY"));
     };
-    let interval = |word: &str| {
+    let mut interval = |word: &str| {
         if let Ok(number) = word.parse::<f64>() {
             return Ok(Some([number; 2]));
         }
         let (quantity, found) = meant(study, records, word)?;
+        *ran &= found.is_some_and(|(_, record)| record.next().is_none());
         Ok::<_, String>(found.and_then(|(plant, record)| quantity.interval_of(plant, record)))
     };
     let (left, right) = (interval(left)?, interval(right)?);

@@ -15,7 +15,15 @@ use crate::structure::{Metric, PerformanceFunction, Scale};
 pub struct Comparison<'a> {
     /// The runs.
     pub runs: Vec<Report<'a>>,
+    /// Their names in tables and diagrams.
+    pub labels: Vec<String>,
 }
+
+/// The widest line of the table, in characters.
+const WIDTH: usize = 100;
+/// The widest first column, and the widest of a run; the narrowest of a run.
+const WIDEST: (usize, usize) = (44, 24);
+const NARROWEST: usize = 12;
 
 /// What all runs measure of: a signal, what is subtracted from it, and the funnel that the difference is to stay in.
 struct Compared<'a> {
@@ -25,6 +33,10 @@ struct Compared<'a> {
 }
 
 impl Comparison<'_> {
+    fn named(&self) -> impl Iterator<Item = (&Report<'_>, &str)> {
+        self.runs.iter().zip(self.labels.iter().map(String::as_str))
+    }
+
     /// The metrics of all runs: label, and a value a run.
     pub fn metrics(&self) -> Vec<(String, Vec<Option<f64>>)> {
         let mut rows: Vec<(String, Vec<Option<f64>>)> = Vec::new();
@@ -40,12 +52,30 @@ impl Comparison<'_> {
     /// The table of metrics for a terminal.
     pub fn table(&self) -> String {
         let number = |value: &Option<f64>| value.map_or("–".to_owned(), four_digits);
-        let width = self.runs.iter().map(|run| run.structure.name.len()).max().unwrap_or(0).max(12);
-        let names: Vec<_> = self.runs.iter().map(|run| format!("{:>width$}", run.structure.name)).collect();
-        let mut text = format!("{:32} {}\n", "", names.join(" "));
-        for (label, values) in self.metrics() {
-            let values: Vec<_> = values.iter().map(|value| format!("{:>width$}", number(value))).collect();
-            let _ = writeln!(text, "{label:32} {}", values.join(" "));
+        let wide = |text: &str| text.chars().count();
+        let metrics = self.metrics();
+        let mut text = String::new();
+        // Long names are listed above it, and numbered within.
+        let is_long = self.labels.iter().any(|label| wide(label) > WIDEST.1);
+        let numbered = |place: usize| if is_long { format!("({})", place + 1) } else { self.labels[place].clone() };
+        let names: Vec<String> = (0..self.runs.len()).map(numbered).collect();
+        for (name, label) in names.iter().zip(&self.labels).filter(|_| is_long) {
+            let _ = writeln!(text, "{name} {label}");
+        }
+        let first = metrics.iter().map(|(label, _)| wide(label)).max().unwrap_or(0).min(WIDEST.0);
+        let width = names.iter().map(|name| wide(name)).max().unwrap_or(0).max(NARROWEST);
+        // As many runs side by side as there is room for; a long label has a line of its own.
+        let places: Vec<usize> = (0..names.len()).collect();
+        for places in places.chunks(((WIDTH - first) / (width + 1)).max(1)) {
+            let cells = |of: &dyn Fn(usize) -> String| -> String {
+                places.iter().map(|&place| format!(" {:>width$}", of(place))).collect()
+            };
+            let _ = writeln!(text, "{:first$}{}", "", cells(&|place| names[place].clone()));
+            for (label, values) in &metrics {
+                let begin =
+                    if wide(label) > first { format!("{label}\n{:first$}", "") } else { format!("{label:first$}") };
+                let _ = writeln!(text, "{begin}{}", cells(&|place| number(&values[place])));
+            }
         }
         text
     }
@@ -55,10 +85,9 @@ impl Comparison<'_> {
     /// # Errors
     /// When a metric names a signal that isn't there.
     pub fn html(&self) -> Result<String, String> {
-        let names: Vec<_> = self.runs.iter().map(|run| run.structure.name.as_str()).collect();
-        let mut page = beginning(&names.join(", "), "Metrics that all of these loops have.");
-        for run in &self.runs {
-            let (name, description) = (escaped(&run.structure.name), escaped(&run.structure.description));
+        let mut page = beginning(&self.labels.join(", "), "Metrics that all of these loops have.");
+        for (run, label) in self.named() {
+            let (name, description) = (escaped(label), escaped(&run.structure.description));
             let _ = writeln!(page, "<p><b>{name}</b>: {description}</p>");
             if let Some(shortfall) = run.shortfall() {
                 let _ = writeln!(page, "<p class=\"bad\">The run of {name} {}.</p>", escaped(&shortfall));
@@ -104,8 +133,8 @@ impl Comparison<'_> {
 
     fn signals(&self, Compared { of, minus, .. }: &Compared) -> Result<Diagram<'_>, String> {
         let mut given = Vec::new();
-        for run in &self.runs {
-            given.push(curve(run, &run.structure.name, Part::Own, Shown::signal(of), Cow::Borrowed(column(run, of)?)));
+        for (run, label) in self.named() {
+            given.push(curve(run, label, Part::Own, Shown::signal(of), Cow::Borrowed(column(run, of)?)));
         }
         if let Some(minus) = minus {
             let first = &self.runs[0];
@@ -122,11 +151,11 @@ impl Comparison<'_> {
         funnel: PerformanceFunction,
     ) -> Result<Diagram<'_>, String> {
         let mut given = Vec::new();
-        for run in &self.runs {
+        for (run, label) in self.named() {
             let pairs = column(run, of)?.iter().zip(column(run, minus)?);
             let errors = pairs.map(|(of, minus)| (of - minus).abs()).collect();
             let shown = Shown { minus: Some(minus.to_owned()), magnitude: true, ..Shown::signal(of) };
-            given.push(curve(run, &run.structure.name, Part::Own, shown, errors));
+            given.push(curve(run, label, Part::Own, shown, errors));
         }
         given.push(bound(funnel, &self.runs[0].recording.times));
         let title = format!("|{of} − {minus}| in its funnel");
@@ -135,8 +164,8 @@ impl Comparison<'_> {
 
     fn push_metrics(&self, page: &mut String) {
         page.push_str("<h2>Metrics</h2>\n<div class=\"scroll\"><table id=\"metrics\">\n<tr><th>metric");
-        for run in &self.runs {
-            let _ = write!(page, "<th class=\"number\">{}", escaped(&run.structure.name));
+        for label in &self.labels {
+            let _ = write!(page, "<th class=\"number label\">{}", escaped(label));
         }
         for (label, values) in self.metrics() {
             let _ = write!(page, "\n<tr><td>{}", escaped(&label));

@@ -185,6 +185,15 @@ impl LoadedLoop {
     /// # Errors
     /// An event of a variable that isn't there, can't change in a run, or can't have the value.
     pub fn with_events(mut self, events: &[Event]) -> Result<Self, Error> {
+        self.changes = self.changes_of(events)?;
+        Ok(self)
+    }
+
+    /// The changes of variables that events are.
+    ///
+    /// # Errors
+    /// As [`LoadedLoop::with_events`].
+    pub fn changes_of(&self, events: &[Event]) -> Result<Vec<Change>, Error> {
         let change = |event: &Event| {
             let refuse = |reason: String| event.origin.refuse(&reason);
             let place = self.changeable(&event.name).map_err(refuse)?;
@@ -192,22 +201,26 @@ impl LoadedLoop {
             let value = value.map_err(|reason| refuse(format!("`{}` = {}: {reason}", event.name, event.text)))?;
             Ok(Change { at: event.time, place, value })
         };
-        self.changes = events.iter().map(change).collect::<Result<_, _>>()?;
-        Ok(self)
+        events.iter().map(change).collect()
     }
 
-    /// The place of a variable that may get a value while the loop runs: a tunable parameter, or an input that is open.
+    /// The variables that may get a value while the loop runs: tunable parameters, and inputs that are open.
+    pub fn changeables(&self) -> impl Iterator<Item = (String, Place, &Variable)> {
+        self.variables().filter(|(_, place, variable)| self.check_changeable(*place, variable).is_ok())
+    }
+
+    fn check_changeable(&self, place: Place, variable: &Variable) -> Result<(), String> {
+        let is_connected = self.links.iter().any(|link| link.to == (place.unit, place.variable));
+        may_change(variable, is_connected.then_some("it is connected"))
+    }
+
+    /// The place of one of them.
     fn changeable(&self, name: &str) -> Result<Place, String> {
-        let allowed = |place: Place, variable: &Variable| {
-            let is_connected = self.links.iter().any(|link| link.to == (place.unit, place.variable));
-            may_change(variable, is_connected.then_some("it is connected"))
-        };
         if let Some((place, variable)) = self.variable(name) {
             let reason = |reason: String| format!("`{name}` can't change during a run: {reason}");
-            return allowed(place, variable).map(|()| place).map_err(reason);
+            return self.check_changeable(place, variable).map(|()| place).map_err(reason);
         }
-        let known = self.variables().filter(|(_, place, variable)| allowed(*place, variable).is_ok());
-        let known: Vec<_> = known.map(|(full, _, _)| full).collect();
+        let known: Vec<_> = self.changeables().map(|(full, _, _)| full).collect();
         Err(format!("there is no `{name}` that may change during a run; {}", near::choice(name, &known, "")))
     }
 
@@ -274,7 +287,16 @@ impl LoadedLoop {
     /// # Errors
     /// When a unit refuses.
     pub fn instantiate_with(&self, further: &[(Place, Value)]) -> Result<ClosedLoop, Error> {
-        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular, self.changes.clone());
+        self.instantiate_changing(further, &[])
+    }
+
+    /// The same with further changes while it runs.
+    ///
+    /// # Errors
+    /// When a unit refuses.
+    pub fn instantiate_changing(&self, further: &[(Place, Value)], changes: &[Change]) -> Result<ClosedLoop, Error> {
+        let changes = [&self.changes[..], changes].concat();
+        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular, changes);
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
         for (k, LoadedUnit { fmu, name, prefix, values, recorded }) in self.units.iter().enumerate() {

@@ -126,7 +126,8 @@ fn loops_that_are_compared_have_a_colour_each_and_the_reference_is_black() {
     let structures = names.map(structure);
     let recordings = structures.each_ref().map(|structure| recording(structure, structure.signals()));
     let runs = structures.iter().zip(&recordings).map(|(structure, recording)| report(structure, recording)).collect();
-    let comparison = Comparison { runs };
+    let labels = names.map(str::to_owned).to_vec();
+    let comparison = Comparison { runs, labels };
     let diagrams = comparison.diagrams().unwrap();
     assert!(diagrams.len() >= 6 && diagrams.iter().any(|diagram| diagram.decades.is_some()));
     for diagram in &diagrams {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub use axis::{Axis, Spacing};
 pub use page::SweepPage;
 
-use crate::figures::thinned;
+use crate::figures::{labelled, thinned};
 use crate::fmu::Value;
 use crate::parallel;
 use crate::results::{Meter, measure};
@@ -139,11 +139,15 @@ impl Sweep {
         names
     }
 
-    /// The name of a variable with its unit of measurement, where one is told.
-    fn with_unit(&self, name: &str) -> String {
+    /// The unit of measurement of a variable; empty where it has none.
+    fn unit(&self, name: &str) -> String {
         let variable = self.loops.first().and_then(|loaded| loaded.variable(name));
-        let unit = variable.and_then(|(_, variable)| variable.unit.clone()).filter(|unit| unit != "1");
-        unit.map_or_else(|| name.to_owned(), |unit| format!("{name} in {unit}"))
+        variable.and_then(|(_, variable)| variable.unit.clone()).unwrap_or_default()
+    }
+
+    /// The name of a variable with its unit of measurement.
+    fn with_unit(&self, name: &str) -> String {
+        labelled(name, Some(self.unit(name)).filter(|unit| unit != "1").as_deref().unwrap_or_default())
     }
 
     /// True if the curves of a run are drawn: of all runs, or of some at equal distances.

@@ -1,11 +1,12 @@
 //! The page of a sweep: metrics over the parameter or as maps, families of curves, and a table of all runs.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use super::{Axis, Point, Sweep};
 use crate::drawing::escaped;
 use crate::drawing::{CHARTS, Chart, Line, colours};
-use crate::figures::{beginning, ending};
+use crate::figures::{beginning, ending, time_label, value_label};
 use crate::report::number;
 use crate::results::four_digits;
 use crate::structure::Plot;
@@ -190,8 +191,9 @@ impl SweepPage<'_> {
                 dashed: true,
             });
             let lines = drawn.iter().map(line).chain(beside).collect();
-            let y = self.sweep.with_unit(signals[place]);
-            let chart = Chart { title: signals[place], x: "time in s", y: &y, logarithmic: false, lines };
+            let unit = self.sweep.unit(signals[place]);
+            let (x, y) = (time_label(), value_label(&plot.title, &BTreeSet::from([unit.as_str()]), false));
+            let chart = Chart { title: signals[place], x: &x, y: &y, logarithmic: false, lines };
             page.push_str(&chart.svg());
             if !same.is_empty() {
                 let names: Vec<_> = same.iter().map(|&place| signals[place]).collect();

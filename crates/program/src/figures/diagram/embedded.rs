@@ -14,6 +14,8 @@ const LEAST_GROUPS: usize = 100;
 const FINE: usize = 50;
 /// How far a line between points may lie from the curve, in parts of the height of the diagram.
 const DISTANCE: f64 = 2e-4;
+/// Where a curve has so many points, one lies in each of so many parts of the time: a reader sees what was recorded there.
+const PARTS: usize = 200;
 /// Points are chosen on so wide a screen of height 1 that their distances from lines are those of values.
 const WIDTH: f64 = 1e4;
 /// Digits of numbers.
@@ -67,8 +69,9 @@ impl Diagram<'_> {
         };
         // A smooth curve needs few of its points; only one that doesn't is thinned by groups.
         let few = |rows: std::ops::Range<usize>| {
-            let points = self.seen(&chosen(rows.clone(), groups * FINE), from, to);
-            if points.len() <= 2 * groups { points } else { self.seen(&chosen(rows, groups), from, to) }
+            let seen = |points: Vec<_>| self.seen(&points, (from, to), PARTS.min(groups / 2));
+            let points = seen(chosen(rows.clone(), groups * FINE));
+            if points.len() <= 2 * groups { points } else { seen(chosen(rows, groups)) }
         };
         let (before, behind) = (few(0..peak.start), few(peak.end..rows));
         let points = before.into_iter().chain(chosen(peak, groups / 3)).chain(behind);
@@ -77,7 +80,7 @@ impl Diagram<'_> {
 
     /// Those of the points that make a difference to who looks at them from one time to another; the smallest and the largest
     /// are among them.
-    fn seen(&self, points: &[(f64, f64)], from: f64, to: f64) -> Vec<(f64, f64)> {
+    fn seen(&self, points: &[(f64, f64)], (from, to): (f64, f64), parts: usize) -> Vec<(f64, f64)> {
         let across = self.axis(from, to).places();
         let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, across(*value));
         let mut kept: Vec<(f64, f64)> = Vec::new();
@@ -87,8 +90,10 @@ impl Diagram<'_> {
                 continue;
             }
             let screen: Vec<_> = part.iter().map(place).collect();
+            let part_at = |k: usize| ((part[k].0 - from) / (to - from) * parts as f64).floor();
             let by_value = |a: &usize, b: &usize| part[*a].1.total_cmp(&part[*b].1);
             let mut places = simplified(&screen, DISTANCE);
+            places.extend((1..part.len()).filter(|&k| part_at(k) > part_at(k - 1)));
             places.extend((0..part.len()).min_by(by_value));
             places.extend((0..part.len()).max_by(by_value));
             places.sort_unstable();

@@ -12,7 +12,7 @@ mod thinned;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-pub use axis::{labelled, padded_range};
+pub use axis::{labelled, padded_range, value_label};
 pub use embedded::groups;
 pub use of_loop::{bound, diagrams, of_plot};
 pub use space::{Path, space};
@@ -20,7 +20,7 @@ pub use style::{COLOURS, Part, Style};
 pub use svg::{figure, svg};
 pub use thinned::thinned;
 
-use axis::{Axis, decades, value_label};
+use axis::{Axis, decades};
 use style::styles;
 
 use crate::structure::{PerformanceFunction, Scale};

@@ -121,6 +121,15 @@ fn points_for_a_page_are_few_and_lie_on_the_curve_as_far_as_a_reader_zooms() {
 }
 
 #[test]
+fn wherever_a_pointer_is_a_point_is_near_also_on_a_straight_line() {
+    let diagram = diagram(vec![given("y", "V", Part::Own, |time| 2.0 * time)]);
+    let numbers = diagram.with_points(250);
+    let x: Vec<f64> = numbers["curves"][0]["x"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    let (start, end) = diagram.span();
+    assert!(x.len() <= 130 && x.windows(2).all(|pair| pair[1] - pair[0] <= 2.0 / 125.0 * (end - start)), "{x:?}");
+}
+
+#[test]
 fn gaps_and_no_curves_are_no_fault() {
     let gap = given("y", "", Part::Own, |time| if time < 30.0 { f64::NAN } else { time });
     let diagram = diagram(vec![gap]);
