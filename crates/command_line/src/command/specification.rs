@@ -27,7 +27,7 @@ impl FromStr for Labelled {
     fn from_str(text: &str) -> Result<Self, String> {
         // A path may hold the sign, too.
         let found = text.split_once('=').filter(|(label, _)| !label.contains(NO_LABEL) && !Path::new(text).exists());
-        let (label, run) = found.map_or((None, text), |(label, run)| (Some(label.trim()), run));
+        let (label, run) = found.map_or((None, text), |(label, run)| (Some(label.trim()), run.trim()));
         if label.is_some_and(|label| label.is_empty() || label.chars().any(char::is_control)) {
             return Err(format!("the label before = must not be empty; {FORM}"));
         }

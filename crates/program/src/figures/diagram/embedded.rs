@@ -1,6 +1,8 @@
 //! A diagram as data: for the script of a page, with as many points as a reader can zoom to, and for programs that have the
 //! signals.
 
+use std::collections::BTreeSet;
+
 use serde_json::{Value, json};
 
 use super::thinned::{simplified, thinned};
@@ -90,10 +92,12 @@ impl Diagram<'_> {
                 continue;
             }
             let screen: Vec<_> = part.iter().map(place).collect();
-            let part_at = |k: usize| ((part[k].0 - from) / (to - from) * parts as f64).floor();
+            let part_at = |k: usize| ((part[k].0 - from) / (to - from) * parts as f64).floor() as i64;
             let by_value = |a: &usize, b: &usize| part[*a].1.total_cmp(&part[*b].1);
             let mut places = simplified(&screen, DISTANCE);
-            places.extend((1..part.len()).filter(|&k| part_at(k) > part_at(k - 1)));
+            let with_points: BTreeSet<i64> = places.iter().map(|&k| part_at(k)).collect();
+            let is_first = |k: &usize| part_at(*k) > part_at(k - 1) && !with_points.contains(&part_at(*k));
+            places.extend((1..part.len()).filter(is_first));
             places.extend((0..part.len()).min_by(by_value));
             places.extend((0..part.len()).max_by(by_value));
             places.sort_unstable();
