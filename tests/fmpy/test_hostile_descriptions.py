@@ -56,7 +56,6 @@ def test_what_is_no_file_is_refused_without_waiting(bounded, tmp_path: Path) -> 
     (tmp_path / "folder.fmu").mkdir()
     for arguments in [
         ("export", "mine.toml"),
-        ("export", "folder.toml"),
         ("export", PLANT, "--library", "mine.so"),
         ("export", PLANT, "--values", "mine.ssv"),
         ("export", PLANT, "--values", "."),
@@ -69,6 +68,8 @@ def test_what_is_no_file_is_refused_without_waiting(bounded, tmp_path: Path) -> 
     ]:
         answer = bounded(*arguments, folder=tmp_path)
         assert answer.returncode == 1 and "regular file" in answer.stderr, answer
+    answer = bounded("export", "folder.toml", folder=tmp_path)
+    assert answer.returncode == 1 and "contains no description" in answer.stderr, answer
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

@@ -16,7 +16,7 @@ import adaptive_fmu
 import numpy as np
 import pandas as pd
 import pytest
-from adaptive_fmu import Sweep, _executor
+from adaptive_fmu import Sweep, _executor, _study
 from conftest import ROOT
 from dask.distributed import Client
 from test_foreign_plants import in_c
@@ -311,7 +311,7 @@ def test_changed_files_of_a_loop_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_worker_with_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_study, "version", lambda: "adaptive-fmu 0.0.7")
+    monkeypatch.setattr(_executor, "version", lambda: "adaptive-fmu 0.0.7")
     with ThreadPoolExecutor(1) as pool, pytest.raises(adaptive_fmu.Error, match=r"has adaptive-fmu .*, but adaptive-fmu 0\.0\.7 is"):
         adaptive_fmu.Loop(LOOP).sweep({OMEGA: [1.0]}, until=0.1, executor=pool)
 
@@ -337,7 +337,7 @@ def test_a_machine_that_no_longer_answers_does_not_stop_the_sweep(monkeypatch: p
         def run(self, *_: object) -> None:
             time.sleep(15)
 
-    monkeypatch.setattr(_study, "PATIENCE", 0.1)
+    monkeypatch.setattr(_executor, "PATIENCE", 0.1)
     begun = time.monotonic()
     _executor._forget(Silent(), "study")
     assert time.monotonic() - begun < 10
