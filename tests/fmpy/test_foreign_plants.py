@@ -170,8 +170,8 @@ def test_the_speed_follows_its_step_and_stays(
     if build is in_c:
         assert np.abs(result["controller.voltage"]).max() <= 12.0
     labels = {metric["label"]: metric["value"] for metric in told["metrics"]}
-    errors = [value for label, value in labels.items() if label.startswith("max |speed - speed_reference|")]
-    assert len(errors) == 1 and abs(errors[0] - np.abs(speed - reference).max()) < 1e-9
+    errors = [value for label, value in labels.items() if label.startswith("rms (speed - speed_reference)")]
+    assert len(errors) == 1 and abs(errors[0] - np.sqrt(np.mean((speed - reference) ** 2))) < 1e-9
 
 
 @needs_python

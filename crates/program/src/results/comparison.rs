@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::overview::four_digits;
+use super::measured::four_digits;
 use super::report::Report;
 use crate::drawing::escaped;
 use crate::figures::{Diagram, Given, Part, Shown, beginning, bound, ending, push_diagrams, time_label};

@@ -15,10 +15,10 @@ mod steps;
 mod table;
 
 pub use comparison::Comparison;
-pub use measured::Measured;
+pub use measured::{Measured, four_digits};
 pub(crate) use metrics::Difference;
 pub use metrics::{Meter, measure};
-pub use overview::{Row, Verdict, four_digits, table};
+pub use overview::{Row, Verdict, table};
 pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
 pub use recorded::{FILES, METRICS, Recorded, RecordedRun, told};
 pub use recorder::{Ended, Recorder, TablePlace, Tabled};

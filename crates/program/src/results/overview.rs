@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use super::measured::Measured;
+use super::measured::{Measured, four_digits};
 use super::report::{Ending, Report};
 
 /// Widest line of the table, in characters; what goes beyond it is continued below.
@@ -109,15 +109,6 @@ fn piece(metric: &Measured) -> String {
     format!("{label} {}{limit}", metric.value.map_or("–".to_owned(), four_digits))
 }
 
-/// A number with four digits.
-pub fn four_digits(value: f64) -> String {
-    if !(1e-4..1e6).contains(&value.abs()) {
-        return if value == 0.0 { "0".to_owned() } else { format!("{value:.3e}") };
-    }
-    let decimals = (3.0 - value.abs().log10().floor()).max(0.0) as usize;
-    format!("{value:.decimals$}")
-}
-
 /// The runs as a table, a row each, and what they come to.
 pub fn table(rows: &[Row]) -> String {
     let widest = rows.iter().map(|row| row.name.chars().count()).max().unwrap_or_default().max(4);
@@ -153,13 +144,6 @@ fn summary(rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_have_four_digits_of_any_size() {
-        let numbers = [0.0, 0.000_123_46, 0.035_971, 2.784_4, 1_607.04, 123_456.7, 2.5e12, 3e-7, f64::NAN];
-        let expected = ["0", "0.0001235", "0.03597", "2.784", "1607", "123457", "2.500e12", "3.000e-7", "NaN"];
-        assert_eq!(numbers.map(four_digits), expected);
-    }
 
     #[test]
     fn a_metric_is_told_with_its_limit_where_it_has_both() {

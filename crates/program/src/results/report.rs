@@ -2,8 +2,7 @@
 
 use std::fmt::Write;
 
-use super::measured::Measured;
-use super::overview::four_digits;
+use super::measured::{Measured, four_digits};
 use super::table::TABLE;
 use crate::drawing::escaped;
 use crate::figures::{Diagram, beginning, diagrams, ending, push_diagrams};

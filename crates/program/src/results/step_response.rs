@@ -1,4 +1,4 @@
-//! Figures of a step response, measured point by point: its points need not be kept.
+//! Figures of a step response, measured point by point: its points need not be stored.
 
 /// A response has settled within this part of the step about its end.
 const SETTLED: f64 = 0.02;

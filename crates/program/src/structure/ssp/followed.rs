@@ -62,7 +62,7 @@ pub struct Tracked {
 }
 
 impl Structure {
-    /// Signals with their references: those whose difference is a metric, else those that its connections tell.
+    /// Signals with their references: those whose difference is a metric, else those that its connections show.
     pub fn tracked(&self) -> Vec<Tracked> {
         let sources: Vec<&str> = self.sources().collect();
         let mut pairs: Vec<[(String, String); 2]> = Vec::new();
