@@ -67,7 +67,9 @@ def ask(request: Sequence[str], executor: Any, progress: Progress | None = None,
     if (failure := jobs.failure) is not None:
         if isinstance(failure, Error):
             raise failure
-        raise Error(f"{reason(failure)} before the search was complete. The same call continues it if `out` is given") from failure
+        raise Error(
+            f"{reason(failure)} before the search was complete. The same call continues it if `out` is given"
+        ) from failure
     return answer
 
 

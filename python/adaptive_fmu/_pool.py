@@ -15,9 +15,7 @@ _busy: set[Conversation] = set()
 _lock = Lock()
 
 
-def ask(
-    words: Sequence[str], progress: Progress | None = None, folder: str | None = None, jobs: Jobs | None = None
-) -> Answer:
+def ask(words: Sequence[str], progress: Progress | None = None, folder: str | None = None, jobs: Jobs | None = None) -> Answer:
     """Send a request to a waiting program, or to a new one. The caller raises the exception of the answer, if any.
 
     folder: working folder of the request. Default: that of this process.
