@@ -124,7 +124,8 @@ def check(
     worst_case: time of a search for the worst plant within the uncertainty, with runs of the FMUs, s. Default: None, no search.
     worst: file for the worst plant as a parameter set (.ssv). Default: None, nothing is written.
     page: file for the report as a page with pictures (.html). Default: None, nothing is written.
-    executor: where the runs of `worst_case` are carried out, as for `Loop.sweep`. Default: None, threads of this process.
+    executor: where the runs of `worst_case` are carried out, as for `Loop.sweep`; how many plants are tried in its time depends on
+        it. Default: None, threads of this process.
 
     Raises `Error` if the description is refused, or has no nominal plant for these options.
 

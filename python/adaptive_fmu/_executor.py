@@ -17,14 +17,14 @@ from typing import Any
 
 from . import _pool
 from ._errors import ArgumentError, Error
-from ._program import Answer, Progress
+from ._program import INTERRUPTED, Answer, Progress
 from ._worker import Files, Task, forget, perform, same, version
 
 #: Number of times that Dask repeats a run whose program was ended.
 RETRIES = 2
 #: Longest time to wait until workers have removed files, s.
 PATIENCE = 5.0
-#: Options whose values are files that workers read.
+#: Options whose values may be files that workers read.
 READ = ("--case=", "--worst-of=", "--fmu=", "--hold-out=", "--structure=")
 #: Options about files that only the process of the caller writes.
 WRITTEN = ("--out=", "--force", "--resume", "--tag=", "--page=", "--worst=")
@@ -51,14 +51,19 @@ def submitting(executor: Any, workers: int, words: Sequence[str], loop: str | No
         )
 
 
-def ask(request: Sequence[str], executor: Any, progress: Progress | None = None, loop: str | None = None) -> Answer:
-    """Send a request whose jobs are carried out by an executor, or by the program itself if there is none."""
+def ask(
+    request: Sequence[str], executor: Any, progress: Progress | None = None, loop: str | None = None, advice: str = ""
+) -> Answer:
+    """Send a request whose jobs are carried out by an executor, or by the program itself if there is none.
+
+    advice: what to do if the executor fails, for its message.
+    """
     if executor is None:
         return _pool.ask(request, progress)
     place = list(request).index("--") if "--" in request else len(request)
     options = [word for word in request[:place] if not word.startswith(WRITTEN)]
     named = list(request[place:])
-    with submitting(executor, 1, [*options, *named[1:]], loop) as submit:
+    with submitting(executor, 1, [*options, *named], loop) as submit:
         jobs = Jobs(lambda job: submit([*options, f"--job={job}", *named], False))
         try:
             answer = _pool.ask(request, progress, jobs=jobs)
@@ -67,9 +72,10 @@ def ask(request: Sequence[str], executor: Any, progress: Progress | None = None,
     if (failure := jobs.failure) is not None:
         if isinstance(failure, Error):
             raise failure
-        raise Error(
-            f"{reason(failure)} before the search was complete. The same call continues it if `out` is given"
-        ) from failure
+        raise Error(f"{reason(failure)} before all of it was done. {advice}".rstrip()) from failure
+    if answer.code == INTERRUPTED and isinstance(executor, ThreadPoolExecutor):
+        # Jobs in this process end at their next communication point.
+        _pool.stop()
     return answer
 
 
@@ -161,13 +167,15 @@ def packed(loop: str | None, words: Sequence[str]) -> Files:
                     _pool.done(["export", f"--ssp={loop}", f"--out={folder}"])
                     file = next(Path(folder).glob("*.ssp"))
                 contents[file.name], named[loop] = file.read_bytes(), ("", file.name)
+    is_named = False
     for number, word in enumerate(words, 1):
         option = next((option for option in READ if word.startswith(option)), "")
         file = Path(word.removeprefix(option))
         # A file that does not exist is refused by the program.
-        if word != loop and file.is_file():
+        if (option or is_named) and word != loop and file.is_file():
             path = os.path.join(str(number), file.name)
             contents[path], named[word] = file.read_bytes(), (option, path)
+        is_named |= word == "--"
     return Files(uuid.uuid4().hex, contents, named)
 
 

@@ -368,7 +368,7 @@ class Loop:
         request += [f"--tag={tag}"] if tag is not None else []
         with tempfile.TemporaryDirectory() as folder, shown(self._shown, progress) as show:
             request += [f"--out={os.fspath(folder if out is None else out)}", *self._named]
-            answer = ask(request, executor, show, self.name)
+            answer = ask(request, executor, show, self.name, "The same call continues it if `out` is given")
             if (answer.code != INTERRUPTED or not answer.text) and (failure := answer.failure()):
                 raise failure
             return Tuned(answer.json(), None if out is None else Path(out), answer.notes)

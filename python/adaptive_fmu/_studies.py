@@ -127,7 +127,7 @@ def league(
             *(f"--only={pair}" for pair in ([only] if isinstance(only, str) else only)),
         ]
         request += [f"--{name}" for name, wanted in (("quick", quick), ("resume", resume), ("force", force)) if wanted]
-        answer = ask(request, executor)
+        answer = ask(request, executor, advice="With `out`, resume=True continues it")
         if failure := answer.failure():
             raise failure
         pairs = answer.json()["pairs"]

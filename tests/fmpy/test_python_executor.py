@@ -310,6 +310,15 @@ def test_changed_files_of_a_loop_are_refused(tmp_path: Path) -> None:
         adaptive_fmu.Loop(folder).sweep({OMEGA: [1.0]}, out=tmp_path / "out")
 
 
+def test_only_files_that_a_request_names_are_sent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("run", "--json", "case.ssv", "record.csv"):
+        (tmp_path / name).write_text(name)
+    sent = _executor.packed(None, ["run", "--json", "--case=case.ssv", "--", "record.csv", "nothing.csv"])
+    assert sorted(sent.words) == ["--case=case.ssv", "record.csv"]
+    assert sorted(sent.contents.values()) == [b"case.ssv", b"record.csv"]
+
+
 def test_a_worker_with_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_executor, "version", lambda: "adaptive-fmu 0.0.7")
     with ThreadPoolExecutor(1) as pool, pytest.raises(adaptive_fmu.Error, match=r"has adaptive-fmu .*, but adaptive-fmu 0\.0\.7 is"):

@@ -31,7 +31,7 @@ pub fn employed() -> Option<Arc<dyn Workers>> {
 pub fn results<R: DeserializeOwned>(
     workers: &dyn Workers,
     jobs: impl IntoIterator<Item = impl Serialize>,
-    mut done: impl FnMut(usize, &R),
+    mut done: impl FnMut(&R),
 ) -> Vec<Option<R>> {
     let numbers: Vec<u64> = jobs.into_iter().map(|job| workers.submit(value(&job))).collect();
     let mut results: Vec<Option<R>> = numbers.iter().map(|_| None).collect();
@@ -39,7 +39,7 @@ pub fn results<R: DeserializeOwned>(
         let Some((number, result)) = workers.result() else { break };
         let place = numbers.iter().position(|known| *known == number);
         if let Some((place, result)) = place.zip(R::deserialize(result).ok()) {
-            done(place, &result);
+            done(&result);
             results[place] = Some(result);
         }
     }

@@ -168,7 +168,8 @@ fn with_folders(names: &[String]) -> Result<Vec<String>, Error> {
         // Other TOML files may lie there, too.
         let describes = |file: &&PathBuf| {
             let text = std::fs::read_to_string(file).unwrap_or_default();
-            text.lines().any(|line| line.split_once('=').is_some_and(|(key, _)| key.trim() == "model"))
+            let at_top = text.lines().take_while(|line| !line.trim_start().starts_with('['));
+            at_top.into_iter().any(|line| line.split_once('=').is_some_and(|(key, _)| key.trim() == "model"))
         };
         let found: Vec<_> = files.iter().filter(is_toml).filter(describes).collect();
         if found.is_empty() {

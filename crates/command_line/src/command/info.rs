@@ -63,7 +63,7 @@ impl Contents {
         let names = || entries.iter().map(|entry| entry.name.as_str());
         let platform = |name: &str| Some(name.strip_prefix("binaries/")?.split_once('/')?.0.to_owned());
         Ok(Contents {
-            source: text("resources/description.toml").transpose()?,
+            source: text(exporter::DESCRIBED).transpose()?,
             build: text(exporter::BUILD).transpose()?.and_then(|text| serde_json::from_str(&text).ok()),
             platforms: names().filter_map(platform).collect(),
             source_code: names().any(|name| name.starts_with("sources/")),

@@ -12,12 +12,12 @@ use super::loop_options::LoopOptions;
 use super::names::Names;
 use super::ready;
 
-/// What is compared, with the label that it is to have.
+/// A run for a comparison, with a label.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Labelled {
     /// Its name in tables and diagrams.
     pub label: Option<String>,
-    /// What it is.
+    /// The run.
     pub run: Specification,
 }
 
@@ -36,7 +36,7 @@ impl FromStr for Labelled {
 }
 
 impl Labelled {
-    /// What the results of such a run are stored under: its label, or what the run has in addition to its loop.
+    /// Tag of the folder of its results: its label, or what the run has in addition to its loop.
     pub fn tag(&self) -> Option<String> {
         self.label.as_deref().map(plain).or_else(|| self.run.tag())
     }

@@ -27,8 +27,9 @@ const RECORD: &str = "sweep.json";
 const POINTS: &str = "points.csv";
 /// What was computed is written at most so often.
 const REST: Duration = Duration::from_secs(5);
-/// Rows that are printed.
+/// Rows that are printed, and columns of characters for metrics of steps.
 const MOST_ROWS: usize = 40;
+const WIDTH: usize = 100;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -188,10 +189,21 @@ impl Task {
             say!("{}", self.told(points, folder));
             return;
         }
-        let shown: Vec<_> = self.sweep.metrics(points).collect();
-        let head = self.sweep.axes().iter().map(|axis| axis.name.as_str()).chain(shown.iter().map(|(_, label)| *label));
-        let head: Vec<&str> = head.collect();
-        let widths: Vec<usize> = head.iter().map(|name| name.chars().count().max(12)).collect();
+        let width = |name: &str| name.chars().count().max(12);
+        let names: Vec<_> = self.sweep.axes().iter().map(|axis| axis.name.as_str()).collect();
+        let own = self.sweep.structure().metrics.len();
+        let all: Vec<_> = self.sweep.metrics(points).collect();
+        // The loop's own metrics, and of those of steps as many as there is room for.
+        let mut room = WIDTH.saturating_sub(names.iter().map(|name| width(name) + 2).sum());
+        let fits = |(k, label): &&(usize, &str)| {
+            let needed = width(label) + 2;
+            let fits = *k < own || needed <= room;
+            room = if fits { room.saturating_sub(needed) } else { 0 };
+            fits
+        };
+        let shown: Vec<_> = all.iter().filter(fits).copied().collect();
+        let head: Vec<&str> = names.into_iter().chain(shown.iter().map(|(_, label)| *label)).collect();
+        let widths: Vec<usize> = head.iter().map(|name| width(name)).collect();
         let line = |cells: Vec<String>| {
             let padded = cells.into_iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}"));
             padded.collect::<Vec<_>>().join("  ")
@@ -205,6 +217,10 @@ impl Task {
         }
         if made_runs > MOST_ROWS {
             say!("… and {} more in {POINTS}", made_runs - MOST_ROWS);
+        }
+        let further: Vec<_> = all.iter().filter(|metric| !shown.contains(metric)).map(|(_, label)| *label).collect();
+        if !further.is_empty() {
+            say!("Further metrics are in {POINTS}: {}", further.join("; "));
         }
         say!("{PAGE} (diagrams) and {POINTS} (all runs) are in {}", folder.display());
     }

@@ -130,7 +130,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     if let Some(text) = &arguments.job {
         let Job { position, bound } = workers::job(text)?;
         let bound = bound.unwrap_or(f64::INFINITY);
-        let outcomes = task.search.run_here(&[&position], &[bound], |_| (), progress::is_interrupted);
+        let outcomes = task.search.run(&[&position], &[bound], |_| (), progress::is_interrupted);
         workers::reply(&outcomes[0]);
         return Ok(ExitCode::SUCCESS);
     }
@@ -318,7 +318,7 @@ impl Task {
 
     fn as_it_is(&self) -> Option<Before> {
         let values = self.search.present()?;
-        let outcomes = self.search.run_here(&[&values], &[f64::INFINITY], |_| (), progress::is_interrupted);
+        let outcomes = self.search.run(&[&values], &[f64::INFINITY], |_| (), progress::is_interrupted);
         Some(Before { objective: outcomes.first().and_then(Outcome::value), values })
     }
 
@@ -336,8 +336,11 @@ impl Task {
                 let value = best.map_or_else(|| "none yet".to_owned(), |best| format!("{best:.6}"));
                 counter.count(&format!("generation {generation} of {}, best {value}", self.generations));
             };
-            let outcomes =
-                self.search.run(&swarm.positions(), &swarm.bounds_of_values(), tell, progress::is_interrupted);
+            let (positions, bounds) = (swarm.positions(), swarm.bounds_of_values());
+            let outcomes = match employed() {
+                Some(workers) => self.search.hand_out(&*workers, &positions, &bounds, tell),
+                None => self.search.run(&positions, &bounds, tell, progress::is_interrupted),
+            };
             ended.note(swarm, &outcomes);
             if !ended.interrupted {
                 swarm.tell(&outcomes.iter().map(Outcome::value).collect::<Vec<_>>());
@@ -374,7 +377,7 @@ impl Task {
         let search =
             Search::new(structure.clone(), settings, objective.clone(), &parameters, vec![loaded]).map_err(wrong)?;
         let others = Others { options, structure: structure.clone(), settings, threads: 1 };
-        let outcomes = search.worst_of(others.all(asked, &objective, &parameters)?).run_here(
+        let outcomes = search.worst_of(others.all(asked, &objective, &parameters)?).run(
             &[&best.position],
             &[f64::INFINITY],
             |_| (),

@@ -83,7 +83,7 @@ impl Word {
 }
 
 impl Words {
-    /// One by one.
+    /// The words, one for each element or one for all.
     pub fn each(&self) -> &[Word] {
         match self {
             Words::One(word) => std::slice::from_ref(word),

@@ -92,7 +92,7 @@ impl Cases {
     /// The same of many, on all threads or by the workers of the command; fewer where the command is to stop.
     fn squared_errors(&self, places: &[&[f64]]) -> Vec<Result<f64, String>> {
         if let Some(workers) = employed() {
-            return results(&*workers, places, |_, _| ()).into_iter().map_while(|value| value).collect();
+            return results(&*workers, places, |_| ()).into_iter().map_while(|value| value).collect();
         }
         parallel::each(&vec![(); parallel::cores()], places.len(), |(), k| self.squared_error(places[k]))
     }

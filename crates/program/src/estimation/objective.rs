@@ -74,7 +74,7 @@ impl<'a> Simulated<'a> {
             .iter()
             .flat_map(|point| (0..records).map(|record| Job { record, point: point.clone() }))
             .collect::<Vec<_>>();
-        let made: Vec<Option<Done>> = results(&*workers, jobs, |_, _| ());
+        let made: Vec<Option<Done>> = results(&*workers, jobs, |_| ());
         let course = |done: &Option<Done>| {
             let columns = done.as_ref()?.as_ref().ok()?;
             let rows = self.references.len();

@@ -47,7 +47,7 @@ pub struct Parameter {
     pub unit: String,
     /// What it is.
     pub description: String,
-    /// Which signal an element of a system's matrix acts on, and which it takes, where these have names.
+    /// Signals that an element of a matrix connects, `current ← voltage`, where these have names.
     pub acts: Option<String>,
     /// Its unit of measurement.
     pub measure: String,
@@ -269,7 +269,7 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
     }
 }
 
-/// How early a parameter is listed.
+/// Place of a parameter in lists: the earlier, the more it is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
     /// Poles, gains, and what else is turned first.
@@ -293,7 +293,7 @@ fn rank(name: &str) -> Rank {
     }
 }
 
-/// What an element of a matrix does, `current ← voltage`, where the unit's description names its signals.
+/// Signals that an element of a matrix connects, where the unit's description names them.
 fn acts(structure: &Structure, unit: &str, name: &str) -> Option<String> {
     let (matrix, indices) = name.strip_prefix(unit)?.strip_prefix('.')?.strip_suffix(']')?.split_once('[')?;
     let (to, from) = match matrix {

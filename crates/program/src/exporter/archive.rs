@@ -13,7 +13,6 @@ use super::library::Library;
 use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
-use crate::fmi2::resources::DESCRIPTION;
 use crate::texts::LICENCES;
 use crate::{output, text_file};
 
@@ -36,6 +35,8 @@ pub struct Entry {
 
 /// Name of what tells, within an FMU, how its library was built.
 pub const BUILD: &str = "resources/build.json";
+/// Its description, as a person wrote it.
+pub const DESCRIBED: &str = "resources/description.toml";
 
 /// What an FMU holds beside its libraries.
 pub struct Contents<'a> {
@@ -66,12 +67,11 @@ pub enum Libraries<'a> {
 pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<(), Error> {
     let Contents { unit, build, description, appearance, sources } = contents;
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
-    let resource = format!("resources/{DESCRIPTION}");
     let mut entries: Vec<(&str, &[u8])> = vec![
         ("modelDescription.xml", unit.model_description.as_bytes()),
         ("model.png", appearance.icon.png),
         ("documentation/index.html", appearance.page.as_bytes()),
-        (&resource, description.as_bytes()),
+        (DESCRIBED, description.as_bytes()),
         (BUILD, build.as_bytes()),
     ];
     if let Some(terminals) = &appearance.terminals {

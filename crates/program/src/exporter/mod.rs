@@ -17,7 +17,9 @@ mod terminals;
 
 use std::path::{Path, PathBuf};
 
-pub use archive::{BUILD, Entry, entries, read_bytes, read_entry, unpack, unpack_but, write_entries, write_program};
+pub use archive::{
+    BUILD, DESCRIBED, Entry, entries, read_bytes, read_entry, unpack, unpack_but, write_entries, write_program,
+};
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
 pub use held::{hold, tidy};
@@ -126,16 +128,12 @@ pub fn find_description(name: &str) -> Result<Source, Error> {
         return Ok(Source::read(path.to_owned(), text));
     }
     if path.extension().is_some_and(|extension| extension == "fmu") {
-        let text = read_entry(path, "resources/description.toml").map_err(|error| match error {
-            Error::Archive { file, reason } if reason.contains("description.toml") => Error::Archive {
-                file,
-                reason: "contains no description of this program, so it is of another tool. `adaptive-fmu info` shows its variables, \
-                         `adaptive-fmu validate` checks it against the standard"
-                    .to_owned(),
-            },
-            other => other,
-        })?;
-        return Ok(Source::read(path.with_extension("toml"), text));
+        if !entries(path)?.iter().any(|entry| entry.name == DESCRIBED) {
+            let reason = "contains no description of this program, so it is of another tool. `adaptive-fmu info` shows its \
+                          variables, `adaptive-fmu validate` checks it against the standard";
+            return Err(Error::Archive { file: path.to_owned(), reason: reason.to_owned() });
+        }
+        return Ok(Source::read(path.with_extension("toml"), read_entry(path, DESCRIBED)?));
     }
     let found = descriptions().iter().find(|(known, _)| *known == name);
     let (name, text) = found.ok_or_else(|| {

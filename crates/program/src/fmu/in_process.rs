@@ -149,7 +149,7 @@ fn why(error: &dyn std::error::Error) -> String {
     }
     let folder = std::env::temp_dir();
     format!(
-        "{reason}. The file system of {} is mounted noexec: set TMPDIR to a folder on a file system that allows programs",
+        "{reason}. So it is where {} is mounted noexec: set TMPDIR to a folder on a file system that allows programs",
         folder.display()
     )
 }

@@ -3,7 +3,7 @@
 /// A measured metric.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Measured {
-    /// What it is.
+    /// Its name, with the unit of measurement.
     pub label: String,
     /// Its value; none where no time was left to measure in.
     pub value: Option<f64>,

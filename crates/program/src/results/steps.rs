@@ -7,6 +7,8 @@ use crate::structure::Structure;
 
 /// At the start, a signal nearer to its reference than this part of that makes no step.
 const NEAR: f64 = 0.1;
+/// What a reference changes by in parts of it, at least.
+const ROUNDING: f64 = 1e-9;
 /// Points of a response that is judged, at least.
 const LEAST_POINTS: usize = 3;
 /// Output of a controller: how long a control has been at its limit.
@@ -132,7 +134,7 @@ impl Follower {
             Some((before, [y_before, r_before])) => {
                 // The reference is constant until it steps.
                 self.iae += 0.5 * (time - before) * ((r_before - y_before).abs() + (r_before - y).abs());
-                let changes = r != r_before;
+                let changes = (r - r_before).abs() > ROUNDING * r.abs().max(r_before.abs());
                 self.moves = changes && self.has_changed;
                 self.has_changed = changes;
                 if changes {
@@ -247,5 +249,30 @@ impl Controller {
 
     fn metric(&self) -> Measured {
         metric("time at a limit", &self.name, "s", Some(self.time))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn followed(reference: impl Fn(u32) -> f64) -> Follower {
+        let mut follower = Follower::new("plant.y", "m", [0, 1]);
+        (0..1000).for_each(|k| follower.add(0.01 * f64::from(k), [0.0, reference(k)]));
+        follower.end();
+        follower
+    }
+
+    #[test]
+    fn a_reference_steps_if_it_is_constant_but_for_rounding() {
+        let step = |k: u32| if k < 500 { 1.0 } else { -2.0 };
+        let rounded = |k: u32| step(k) * (1.0 + 1e-13 * f64::from(k % 3));
+        let [exact, rounded] = [followed(step), followed(rounded)];
+        assert!(exact.steps() && rounded.steps());
+        // 1 for 5 s, then 2.
+        assert!((exact.iae - (5.0 + 2.0 * 4.99)).abs() < 1e-9 && (rounded.iae - exact.iae).abs() < 1e-9);
+        assert_eq!(exact.worst.unwrap().error, 2.0);
+        assert!(!followed(|k| (0.01 * f64::from(k)).sin()).steps() && !followed(|_| 0.0).steps());
+        assert!(!followed(|k| if k < 2 { 1.0 } else { 2.0 + f64::from(k) }).steps());
     }
 }

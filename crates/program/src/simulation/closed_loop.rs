@@ -125,12 +125,6 @@ impl ClosedLoop {
         self.units[unit].inputs.add(input, place, conversion);
     }
 
-    /// A recording of its signals without points.
-    pub fn signals(&self) -> Recording {
-        let (names, measures) = (self.names.clone(), self.measures.clone());
-        Recording { columns: vec![Vec::new(); names.len()], names, measures, ..Recording::default() }
-    }
-
     /// Names of its signals.
     pub fn names(&self) -> &[String] {
         &self.names
@@ -202,7 +196,9 @@ impl ClosedLoop {
         mut take: impl FnMut(&mut Recording) -> bool,
         mut goes_on: impl FnMut(f64, &[f64]) -> bool,
     ) -> Result<Recording, (Error, Box<Recording>)> {
-        let mut recording = Recording { warnings: self.notes.clone(), ..self.signals() };
+        let columns = vec![Vec::new(); self.names.len()];
+        let (names, measures, warnings) = (self.names.clone(), self.measures.clone(), self.notes.clone());
+        let mut recording = Recording { names, measures, columns, warnings, ..Recording::default() };
         let result = self.run_into(&mut recording, settings, &[], |recording, time, row| {
             if recording.values() >= values && !take(recording) {
                 return false;

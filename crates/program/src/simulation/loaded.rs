@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::closed_loop::{Change, ClosedLoop, Place};
 use super::port::signals;
+use super::recording::Recording;
 use crate::error::Error;
 use crate::fmu::{Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
 use crate::model_description::{ModelDescription, Variable};
@@ -236,6 +237,16 @@ impl LoadedLoop {
             }
         }
         self
+    }
+
+    /// A recording of what is recorded of the loop, without points.
+    pub fn signals(&self) -> Recording {
+        let recorded = self.units.iter().flat_map(|LoadedUnit { fmu, prefix, recorded, .. }| {
+            let variables = recorded.iter().map(|&place| &fmu.description.variables[place]);
+            variables.map(move |it| (format!("{prefix}{}", it.name), it.unit.clone().unwrap_or_default()))
+        });
+        let (names, measures): (Vec<_>, Vec<_>) = recorded.unzip();
+        Recording { columns: vec![Vec::new(); names.len()], names, measures, ..Recording::default() }
     }
 
     /// All variables of the units, with their names in the loop.

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Settings, Structure, TunedParameter};
 use crate::system::NO_LIMIT;
-use crate::workers::{employed, results};
+use crate::workers::{Workers, results};
 use crate::{near, parallel};
 
 /// A parameter that is searched, with its bounds in its own unit.
@@ -107,8 +107,8 @@ impl Search {
         }
         let found: Vec<_> = parameters.iter().map(|parameter| range(parameter, first)).collect::<Result<_, _>>()?;
         let (ranges, places) = found.into_iter().unzip();
-        let closed = first.instantiate(&[]).map_err(|error| error.to_string())?;
-        objective.check(&structure, closed.signals(), settings)?;
+        first.instantiate(&[]).map_err(|error| error.to_string())?;
+        objective.check(&structure, first.signals(), settings)?;
         Ok(Search { structure, settings, objective, ranges, places, loops, others: Vec::new() })
     }
 
@@ -134,33 +134,27 @@ impl Search {
         self.present().filter(|values| values.iter().zip(&self.ranges).all(|(value, range)| inside(value, range)))
     }
 
-    /// Runs the loop with each of the positions, on all threads or by the workers of the command. A run ends as soon as its objective can't come below the
+    /// Has workers run the loop with each of the positions; see [`Search::run`]. Those that aren't run are interrupted.
+    pub fn hand_out(
+        &self,
+        workers: &dyn Workers,
+        positions: &[&[f64]],
+        bounds: &[f64],
+        done: impl Fn(&Outcome),
+    ) -> Vec<Outcome> {
+        let finite = |bound: f64| Some(bound).filter(|bound| bound.is_finite());
+        let job = |(position, bound): (&&[f64], &f64)| Job { position: position.to_vec(), bound: finite(*bound) };
+        let outcomes = results(workers, positions.iter().zip(bounds).map(job), done);
+        outcomes.into_iter().map(|outcome| outcome.unwrap_or(Outcome::Interrupted)).collect()
+    }
+
+    /// Runs the loop with each of the positions, on all threads. A run ends as soon as its objective can't come below the
     /// position's bound any more. `done` is told each outcome as it comes; `is_interrupted` is asked at every communication
     /// point.
     ///
     /// # Panics
     /// When there are not as many bounds as positions.
     pub fn run(
-        &self,
-        positions: &[&[f64]],
-        bounds: &[f64],
-        done: impl Fn(&Outcome) + Sync,
-        is_interrupted: impl Fn() -> bool + Sync,
-    ) -> Vec<Outcome> {
-        if let Some(workers) = employed() {
-            let finite = |bound: f64| Some(bound).filter(|bound| bound.is_finite());
-            let job = |(position, bound): (&&[f64], &f64)| Job { position: position.to_vec(), bound: finite(*bound) };
-            let outcomes = results(&*workers, positions.iter().zip(bounds).map(job), |_, outcome| done(outcome));
-            return outcomes.into_iter().map(|outcome| outcome.unwrap_or(Outcome::Interrupted)).collect();
-        }
-        self.run_here(positions, bounds, done, is_interrupted)
-    }
-
-    /// The same on the threads of this process, whatever workers there are.
-    ///
-    /// # Panics
-    /// When there are not as many bounds as positions.
-    pub fn run_here(
         &self,
         positions: &[&[f64]],
         bounds: &[f64],

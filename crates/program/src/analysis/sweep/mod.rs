@@ -86,8 +86,7 @@ impl Sweep {
         if runs.is_none_or(|runs| runs > MOST_RUNS) {
             return Err(format!("too many runs: at most {MOST_RUNS} are allowed"));
         }
-        let mut signals = first.instantiate(&[]).map_err(|error| error.to_string())?.signals();
-        let labels = Meter::new(&structure, &mut signals)?.labels();
+        let labels = Meter::new(&structure, &mut first.signals())?.labels();
         Ok(Sweep { structure, settings, axes: named, places, values, labels, loops })
     }
 

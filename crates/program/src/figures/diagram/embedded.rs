@@ -16,7 +16,7 @@ const LEAST_GROUPS: usize = 100;
 const FINE: usize = 50;
 /// How far a line between points may lie from the curve, in parts of the height of the diagram.
 const DISTANCE: f64 = 2e-4;
-/// Where a curve has so many points, one lies in each of so many parts of the time: a reader sees what was recorded there.
+/// Parts of the time that have a point each, where one was recorded: a reader sees its value.
 const PARTS: usize = 200;
 /// Points are chosen on so wide a screen of height 1 that their distances from lines are those of values.
 const WIDTH: f64 = 1e4;

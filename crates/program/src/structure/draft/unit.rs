@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::catalogue::Role;
 use crate::error::{Error, Invalid};
-use crate::exporter::{Library, Source, describe, find_description, read_entry};
+use crate::exporter::{DESCRIBED, Library, Source, describe, find_description, read_entry};
 use crate::model_description::ModelDescription;
 use crate::{library, model};
 
@@ -68,7 +68,7 @@ impl<'a> Found<'a> {
         let description = description.map_err(|reason| Error::Archive { file: path.to_owned(), reason })?;
         // What an FMU of this package is, it tells itself.
         let own = description.generation_tool.starts_with("adaptive-fmu");
-        let told = own.then(|| read_entry(path, "resources/description.toml").ok()).flatten();
+        let told = own.then(|| read_entry(path, DESCRIBED).ok()).flatten();
         let model = told.and_then(|text| model::Description::read(&text).ok()).map(|told| told.model);
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(DraftUnit { given: None, stem, source: source_of(path, self.folder)?, description, model })

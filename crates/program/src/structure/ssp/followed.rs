@@ -55,9 +55,9 @@ pub struct Tracked {
     pub signal: String,
     /// The reference's name in the loop.
     pub reference: String,
-    /// The component that takes the reference.
+    /// The component that takes the reference and a signal that isn't one; empty where none does.
     pub controller: String,
-    /// Outputs of that which others take, by their names in the loop.
+    /// Its outputs that others take, by their names in the loop.
     pub controls: Vec<String>,
 }
 
@@ -76,7 +76,13 @@ impl Structure {
         }
         let name = |(unit, variable): &(String, String)| format!("{unit}.{variable}");
         let tracked = |[reference, signal]: [(String, String); 2]| {
-            let controller = self.connections.iter().find(|connection| connection.from == reference)?.to.0.clone();
+            let measures = |unit: &str| {
+                let mut into = self.connections.iter().filter(|connection| connection.to.0 == unit);
+                into.any(|connection| !sources.contains(&connection.from.0.as_str()))
+            };
+            let takers = self.connections.iter().filter(|connection| connection.from == reference);
+            let mut takers = takers.map(|connection| &connection.to.0);
+            let controller = takers.find(|unit| measures(unit)).cloned().unwrap_or_default();
             let is_control =
                 |connection: &&Connection| connection.from.0 == controller && connection.to.0 != controller;
             let mut controls: Vec<String> = Vec::new();
@@ -84,9 +90,9 @@ impl Structure {
                 let control = name(&connection.from);
                 controls.extend(Some(control).filter(|control| !controls.contains(control)));
             }
-            Some(Tracked { signal: name(&signal), reference: name(&reference), controller, controls })
+            Tracked { signal: name(&signal), reference: name(&reference), controller, controls }
         };
-        pairs.into_iter().filter_map(tracked).collect()
+        pairs.into_iter().map(tracked).collect()
     }
 
     /// Component and variable of a name in the loop.
@@ -246,6 +252,23 @@ mod tests {
         let told = titled(&text);
         assert_eq!(told[0].1, "plant.y[1] setpoint.r[1] plant.y[2] setpoint.r[2]", "shown, though nothing takes it");
         assert_eq!(told[1], ("setpoint".to_owned(), "setpoint.dr[1]".to_owned()));
+    }
+
+    #[test]
+    fn the_controller_of_a_reference_measures_something() {
+        let text = of(&["r"], &[("y", "")], &["r", "y"]);
+        // Another component takes the reference, before the controller does.
+        let recorder = "<Component name='recorder' type='application/x-fmu-sharedlibrary' source='resources/recorder.fmu'>\
+                        <Connectors><Connector name='r' kind='input'><c:Real/></Connector></Connectors></Component>";
+        let link = "<Connection startElement='setpoint' startConnector='r' endElement='recorder' endConnector='r'/>";
+        let text = text.replacen("<Elements>", &format!("<Elements>{recorder}"), 1);
+        let text = text.replacen("<Connections>", &format!("<Connections>{link}"), 1);
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(STRUCTURE), text).unwrap();
+        let tracked = LoopFiles::within(folder.path()).structure().unwrap().tracked();
+        let [one] = &tracked[..] else { panic!("{tracked:?}") };
+        assert_eq!([&one.signal, &one.reference, &one.controller], ["plant.y", "setpoint.r", "law"]);
+        assert_eq!(one.controls, ["law.force"]);
     }
 
     #[test]
