@@ -1,7 +1,7 @@
 //! Tables of numbers from files: CSV, Apache Parquet, and MATLAB's files of version 5 to 7.
 //!
 //! The first bytes of a file show its format. Files of other tools may be damaged or hostile: sizes that they name are compared
-//! with what is there, and its contents have a [`Budget`].
+//! with what is there, and a budget limits their contents.
 
 mod mat;
 mod parquet;
