@@ -23,7 +23,7 @@ RUN_ELSEWHERE = {
     "tests/run": (".ci/run", "tests/run"),
     "pip install .": ("tests/fmpy/test_pip.py", '"pip", "wheel", "."'),
     "adaptive-fmu run --all": ("tests/fmpy/test_run_all.py", '"run", "--all"'),
-    "cargo doc --no-deps": (".ci/run", "cargo doc --no-deps"),
+    "cargo doc --no-deps": (".ci/run", "cargo doc --release --no-deps"),
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }
 # A script that needs one of these is skipped where it isn't installed.

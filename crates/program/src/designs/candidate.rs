@@ -263,7 +263,7 @@ impl Task {
 
     /// The descriptions of a loop of a controller.
     fn written(&self, kind: &Kind, attempt: &Attempt, folder: &Path) -> Result<Written, Error> {
-        let own = surroundings(&self.plant, &self.references, attempt.bandwidth, 0.0)?;
+        let own = surroundings(&self.plant, &self.references, attempt.bandwidth, attempt.step())?;
         Written::new(folder, own.into_iter().chain(attempt.texts(kind)))
     }
 

@@ -32,6 +32,17 @@ impl Course {
         Course { times: Vec::new(), outputs: vec![Vec::new(); outputs], controls: vec![Vec::new(); controls] }
     }
 
+    /// The course from a communication point on, whose time counts as 0 s.
+    #[must_use]
+    pub fn from(mut self, time: f64) -> Self {
+        // Times are multiples of the step, but for rounding.
+        let first = self.times.partition_point(|&other| other < time * (1.0 - 1e-9));
+        self.times.drain(..first);
+        self.times.iter_mut().for_each(|other| *other -= time);
+        self.outputs.iter_mut().chain(&mut self.controls).for_each(|values| _ = values.drain(..first));
+        self
+    }
+
     /// Figures of a step of the reference of output `i`, where outputs have steps of these sizes.
     pub fn followed(&self, i: usize, sizes: &[f64]) -> Followed {
         let figures = |(y, size): (&Vec<f64>, &f64)| {

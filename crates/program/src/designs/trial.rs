@@ -148,23 +148,31 @@ impl Trial {
         entries.filter_map(|(name, value)| Some((self.place(&name)?, value))).collect()
     }
 
-    /// Start values for a step of the reference of one output at 0 s, or of none.
+    /// When a reference steps, s: a communication step late, since a law that starts without a jump would begin with the step;
+    /// 0 where the loop has it start smoothly instead.
+    fn step_time(&self) -> f64 {
+        let height = self.place(&format!("{REFERENCE}.step_height[1,1]"));
+        let is_smooth = height.is_some_and(|place| self.loaded.given(place).is_some());
+        if is_smooth { 0.0 } else { self.step }
+    }
+
+    /// Start values for a step of the reference of one output, or of none.
     fn of_reference(&self, i: Option<usize>) -> Vec<(Place, f64)> {
         let own = (0..self.sizes.len())
             .filter(|&j| Some(j) != i)
             .flat_map(|j| [format!("{REFERENCE}.step_height[{},1]", j + 1), format!("{REFERENCE}.offset[{}]", j + 1)]);
-        let others = own.map(|name| (name, 0.0));
-        let first = i.map(|i| (format!("{REFERENCE}.step_time[{},1]", i + 1), 0.0));
-        others.chain(first).filter_map(|(name, value)| Some((self.place(&name)?, value))).collect()
+        own.filter_map(|name| Some((self.place(&name)?, 0.0))).collect()
     }
 
-    /// The course of the loop with a plant, the nominal one unless another is given, while the reference of output `i` steps.
+    /// The course of the loop with a plant, the nominal one unless another is given, from where the reference of output `i` steps.
     ///
     /// # Errors
     /// When a unit fails, or what moves grows without bound.
     pub fn course(&self, i: usize, other: Option<&WorstPlant>, duration: f64) -> Result<Course, Error> {
         let start = other.map(|other| self.of_plant(other)).unwrap_or_default();
-        self.run(self.of_reference(Some(i)).into_iter().chain(start), duration)
+        let step_time = self.step_time();
+        let course = self.run(self.of_reference(Some(i)).into_iter().chain(start), duration + step_time)?;
+        Ok(course.from(step_time))
     }
 
     /// The same with the nominal plant, while no reference moves.

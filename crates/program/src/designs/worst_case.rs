@@ -227,7 +227,7 @@ fn closed(
         delay: if nominal.is_delayed() { nominal.delay.clone() } else { Vec::new() },
     };
     let bandwidth = nominal.bandwidth.unwrap_or(1.0);
-    let surroundings = surroundings(&plant, &reference, bandwidth, 0.0)?;
+    let surroundings = surroundings(&plant, &reference, bandwidth, description.experiment.step)?;
     let own = (description.name.clone(), source.text.clone());
     if [PLANT, REFERENCE].contains(&own.0.as_str()) {
         return Err(Error::Loop {
