@@ -3,7 +3,7 @@
 //! Sample k belongs to the time t_0 + k T. All that a sample computes follows from k, from what the last one left and from
 //! the inputs that stand, so that the points at which a master cuts the time between two samples change no bit of it.
 
-use crate::system::{Declaration, Discrete, Point, Scalar, ScalarOf, Values, scalar, smaller};
+use crate::system::{Declaration, Discrete, Point, SamplingClock, Scalar, ScalarOf, Values, scalar, smaller};
 
 /// The shortest sample time, s.
 pub(super) const SHORTEST: f64 = 1e-9;
@@ -26,12 +26,10 @@ pub(super) struct Clock {
 impl Clock {
     /// Of this sample time.
     pub fn declare(d: &mut Declaration, period: ScalarOf<Discrete>) -> Self {
-        Clock {
-            period,
-            start: d.discrete(scalar("#sampling start", "").hidden()),
-            count: d.discrete(scalar("#samples", "").hidden()),
-            shift: d.discrete(scalar("#sample shift", "").hidden()),
-        }
+        let [start, count, shift] =
+            ["#sampling start", "#samples", "#sample shift"].map(|name| d.discrete(scalar(name, "").hidden()));
+        d.sampling_clock(SamplingClock { period, start, count, shift });
+        Clock { period, start, count, shift }
     }
 
     /// The time that the latest sample belongs to.

@@ -9,7 +9,6 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "law.h"
 #include "recorded.h"
 #include "semihosting.h"
 
@@ -25,12 +24,13 @@ typedef struct {
 /* Of the linker script. */
 extern uint32_t stack_end[];
 
+/* recorded.h names the law: its types and functions, how many outputs it has, and what its inputs are. */
 static law controller;
-static real outputs[RECORDED_STEPS][UNIT_REAL_OUTPUTS];
+static law_real outputs[RECORDED_STEPS][LAW_OUTPUTS];
 static uint32_t ticks[RECORDED_STEPS];
 
 /* What is told next: the longest line has all outputs, 17 characters each. */
-static char line[32 + 17 * UNIT_REAL_OUTPUTS];
+static char line[32 + 17 * LAW_OUTPUTS];
 
 static void begin(void)
 {
@@ -89,7 +89,7 @@ static void tell_step(int step)
 {
     memcpy(line, "step", 4);
     char *at = put(line + 4, ticks[step], 8);
-    for (int k = 0; k < UNIT_REAL_OUTPUTS; k++) {
+    for (int k = 0; k < LAW_OUTPUTS; k++) {
         double output = outputs[step][k];
         uint64_t bits;
         memcpy(&bits, &output, sizeof bits);
@@ -108,9 +108,11 @@ int main(void)
     const uint32_t *top = paint();
     for (int step = 0; step < RECORDED_STEPS; step++) {
         begin();
-        const int taken = law_step(&controller, recorded[step], outputs[step]);
+        /* Structs of numbers alone. */
+        const uint32_t status =
+            law_step(&controller, (const law_inputs *)(const void *)recorded[step], (law_outputs *)(void *)outputs[step]);
         ticks[step] = passed();
-        if (!taken) {
+        if ((status & LAW_REFUSED) != 0) {
             tell_number("refused", (uint32_t)step);
             return 1;
         }

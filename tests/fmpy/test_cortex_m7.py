@@ -1,6 +1,6 @@
 """Laws of controllers on a Cortex-M7, by an emulator: what they give there, and what they take.
 
-docs/source_units.md tells in two tables what they take. The numbers are there alone; the tests hold the laws to them.
+docs/firmware.md and docs/source_units.md tell in tables what they take. The numbers are there alone; the tests hold the laws to them.
 """
 
 import functools
@@ -46,6 +46,8 @@ LOOPS = {
     "MracPpfCoupledMimo": ("6.5.1-mrac", 1000),
     "L1QuadrotorObserved": ("7.5.3-case1", 1000),
 }
+# Of a law that no example has: a reference that the state follows with a lag.
+FOLLOWED = 100
 # What firmware doesn't have.
 FORBIDDEN = {"malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "printf", "snprintf", "exit", "abort"}
 
@@ -78,28 +80,40 @@ def sizes(file: Path) -> tuple[int, int]:
     return text + data, data + bss
 
 
+def inputs_of(laws: Laws, name: str) -> np.ndarray:
+    """What a law reads, a row a step."""
+    if name in LOOPS:
+        return laws.inputs(name, *LOOPS[name])
+    assert name == "L1SampledTwoLinkRobot"
+    rows, t = np.zeros((FOLLOWED, 8)), np.arange(FOLLOWED) * 0.005
+    rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5] = np.sin(t), np.cos(t), np.sin(t - 0.01), np.cos(t - 0.01)
+    return rows
+
+
 @pytest.fixture(scope="module")
 def laws(tmp_path_factory: pytest.TempPathFactory) -> Laws:
     """The controllers' sources."""
     return Laws(tmp_path_factory.mktemp("laws"), list(LOOPS))
 
 
-def header(inputs: np.ndarray) -> str:
+def header(name: str, inputs: np.ndarray, outputs: int) -> str:
     """recorded.h of main.c: hexadecimal floating point keeps all bits."""
     rows = ",\n".join("    {" + ", ".join(value.hex() for value in row) + "}" for row in inputs.tolist())
     size = f"[{len(inputs)}][{inputs.shape[1]}]"
-    return f"#define RECORDED_STEPS {len(inputs)}\n\nstatic const real recorded{size} = {{\n{rows},\n}};\n"
+    types = "".join(f"typedef {name}_{kind} law_{kind};\n" for kind in ("real", "inputs", "outputs"))
+    names = f"#define law_init {name}_init\n#define law_step {name}_step\n#define LAW_REFUSED {name}_REFUSED\n"
+    sizes_of = f"#define LAW_OUTPUTS {outputs}\n#define RECORDED_STEPS {len(inputs)}\n"
+    return f'#include "{name}.h"\n\ntypedef {name} law;\n{types}{names}{sizes_of}\nstatic const law_real recorded{size} = {{\n{rows},\n}};\n'
 
 
 @pytest.fixture(scope="module")
 def law_object(laws: Laws, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Path]:
-    """law.c of a controller, compiled for the target once."""
+    """A controller's law, compiled for the target once."""
 
     @functools.cache
     def compiled(name: str, steps: int) -> Path:
         made = tmp_path_factory.mktemp("law") / "law.o"
-        flags = [*WARNINGS, *MACHINE, *SAME_BITS, f"-DUNIT_LAW_STEPS={steps}"]
-        built(COMPILER, *flags, "-c", laws.sources(name) / "law.c", "-o", made)
+        built(COMPILER, *WARNINGS, *MACHINE, *SAME_BITS, "-c", laws.firmware(name, steps) / f"{name}.c", "-o", made)
         return made
 
     return compiled
@@ -112,8 +126,9 @@ def on_target(laws: Laws, law_object, tmp_path_factory) -> Callable[[str, int], 
     @functools.cache
     def run(name: str, steps: int) -> Told:
         made = tmp_path_factory.mktemp("target")
-        (made / "recorded.h").write_text(header(laws.inputs(name, *LOOPS[name])))
-        return emulated(program(laws.sources(name), law_object(name, steps), made))
+        outputs = laws.outputs(name, steps, inputs_of(laws, name)[:1]).shape[1]
+        (made / "recorded.h").write_text(header(name, inputs_of(laws, name), outputs))
+        return emulated(program(laws.firmware(name, steps), law_object(name, steps), made))
 
     return run
 
@@ -147,7 +162,7 @@ def as_told(measured: float, cell: str) -> bool:
 @each_law
 def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_target) -> None:
     name, steps = row["law"], number(row["substeps"])
-    inputs = laws.inputs(name, *LOOPS[name])
+    inputs = inputs_of(laws, name)
     expected = laws.outputs(name, steps, inputs)
     found = on_target(name, steps).outputs
     assert found.shape == expected.shape and np.ptp(found, axis=0).max() > 0
@@ -167,11 +182,12 @@ def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
 
 @each_law
 def test_a_law_takes_the_memory_that_the_page_tells_and_allocates_none(row, laws, law_object, tmp_path) -> None:
-    folder, whole = laws.sources(row["law"]), tmp_path / "whole.o"
-    (tmp_path / "state.c").write_text('#include "law.h"\n\nlaw controller;\n')
+    name, whole = row["law"], tmp_path / "whole.o"
+    folder = laws.firmware(name, number(row["substeps"]))
+    (tmp_path / "state.c").write_text(f'#include "{name}.h"\n\n{name} controller;\n')
     # With all that it takes of the libraries, and nothing else.
     flags = [*WARNINGS, *MACHINE, f"-I{folder}", "-r", "-nostdlib"]
-    law = law_object(row["law"], number(row["substeps"]))
+    law = law_object(name, number(row["substeps"]))
     built(COMPILER, *flags, tmp_path / "state.c", law, "-lm", "-lc", "-lgcc", "-o", whole)
     flash, memory = sizes(whole)
     assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)

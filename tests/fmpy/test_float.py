@@ -1,4 +1,4 @@
-"""How far laws in float are from those in double: docs/source_units.md tells it for each law; the tests hold them to it."""
+"""How far laws in float are from those in double: docs/firmware.md tells it for each law; the tests hold them to it."""
 
 import math
 
@@ -23,7 +23,7 @@ def test_a_law_in_float_is_as_close_to_double_as_the_page_tells(row, laws) -> No
     inputs = laws.inputs(name, row["loop"], steps)
     double = laws.outputs(name, substeps, inputs)
     assert np.ptp(double, axis=0).max() > 0
-    apart = np.abs(laws.outputs(name, substeps, inputs, "-DUNIT_FLOAT") - double)
+    apart = np.abs(laws.outputs(name, substeps, inputs, f"-D{name}_FLOAT") - double)
     relative = float(apart.max() / np.abs(double).max())
     assert math.isfinite(relative) and relative <= OTHER_COMPILERS * float(row["apart"]), f"{relative:.1e}"
     # What the page tells isn't far from what is.

@@ -1,5 +1,5 @@
-/* A unit, and its bare law, in a host that traps floating-point exceptions: division by zero, invalid operations and overflow
- * end the program. From the start and from random states, at random inputs, by each method, in both interfaces. */
+/* A unit in a host that traps floating-point exceptions: division by zero, invalid operations and overflow end the program. From
+ * the start and from random states, at random inputs, by each method, in both interfaces. */
 
 #define _GNU_SOURCE
 #include <fenv.h>
@@ -9,16 +9,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-/* Steps of fixed length that are short enough for fast adaptation. */
-#define UNIT_LAW_STEPS 2000
-
-#ifdef LAW
-#include "law.c"
-#else
 #include "all.c"
-#endif
 
-enum { STEPS = 12, BEGINNINGS = 8 };
+/* Fixed steps are short enough for fast adaptation. */
+enum { STEPS = 12, BEGINNINGS = 8, FIXED_STEPS = 2000 };
 
 static uint64_t drawn = 1;
 
@@ -29,38 +23,14 @@ static double any(void)
     return (double)(drawn >> 11) / 4503599627370496.0 - 1.0;
 }
 
-/* The first beginning is the start itself; then states are scattered. A law runs in the host's modes: there as far as those
- * bear that bound their estimates. A unit runs in its own, wherever it goes. */
+/* The first beginning is the start itself; then states are scattered. */
 static void scatter(int beginning, real *states)
 {
-#ifdef LAW
-    static const double sizes[] = { 0.0, 1e-9, 1e-3, 0.03, 0.1 };
-#else
     static const double sizes[] = { 0.0, 1e-3, 0.1, 10.0, 1e6 };
-#endif
     for (int k = 0; k < UNIT_STATES; ++k) {
         states[k] += (real)(sizes[beginning % 5] * (double)unit_nominals[k] * any());
     }
 }
-
-#ifdef LAW
-
-/* A law with a funnel takes any inputs where that is wide: outside it, its transformed error is no number. */
-static void widen(real *v)
-{
-    for (int place = FIRST_PARAMETER; place < FIRST_PARAMETER + UNIT_PARAMETERS; ++place) {
-        const char *name = unit_real_variables[place].name;
-        if (name != NULL && (strncmp(name, "rho_0[", 6) == 0 || strncmp(name, "rho_inf[", 8) == 0)) {
-            v[place] *= R(1000.0);
-        } else if (name != NULL && strncmp(name, "overshoot[", 10) == 0) {
-            v[place] = R(1.0);
-        } else {
-            /* As it is. */
-        }
-    }
-}
-
-#endif
 
 /* Tells where it happened, for addr2line. */
 static void trapped(int number, siginfo_t *info, void *context)
@@ -78,34 +48,6 @@ static void trap(void)
     sigaction(SIGFPE, &action, NULL);
     feenableexcept(FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW);
 }
-
-#ifdef LAW
-
-int main(void)
-{
-    static law self;
-    real inputs[AT_LEAST_ONE(UNIT_INPUTS)];
-    real outputs[AT_LEAST_ONE(UNIT_REAL_OUTPUTS)];
-    int taken = 0;
-    trap();
-    for (int beginning = 0; beginning < BEGINNINGS; ++beginning) {
-        law_init(&self);
-        widen(self.v);
-        for (int step = 0; step < STEPS; ++step) {
-            for (int k = 0; k < UNIT_INPUTS; ++k) {
-                inputs[k] = self.v[FIRST_INPUT + k] + (beginning % 2 == 0 ? 0 : (real)(0.1 * any()));
-            }
-            if (step == 1) {
-                scatter(beginning, self.v + FIRST_STATE);
-            }
-            taken += law_step(&self, inputs, outputs);
-        }
-    }
-    printf("%d\n", taken);
-    return 0;
-}
-
-#else
 
 static void told(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text, ...)
 {
@@ -127,7 +69,7 @@ static Instance *begun(fmi2Type type, int method)
     fmi2SetupExperiment(c, 1, 1e-6, 0.0, 0, 0.0);
 #if AT_INTEGRATION_METHOD >= 0
     const fmi2ValueReference references[] = { UNIT_REALS + AT_INTEGRATION_METHOD, UNIT_REALS + AT_FIXED_STEPS };
-    const fmi2Integer values[] = { method, UNIT_LAW_STEPS };
+    const fmi2Integer values[] = { method, FIXED_STEPS };
     fmi2SetInteger(c, references, 2, values);
 #else
     (void)method;
@@ -233,5 +175,3 @@ int main(int count, char **arguments)
     printf("%d %" PRIx64 "\n", taken, bits);
     return 0;
 }
-
-#endif

@@ -6,8 +6,11 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use crate::console;
+use adaptive_fmu::analysis::substeps;
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform};
+use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
+use adaptive_fmu::fmi2::firmware::{Fallback, Options};
+use adaptive_fmu::model::Description;
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::structure::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
@@ -60,6 +63,30 @@ pub struct Arguments {
     /// The compiler is the command in CC [default: cc]. If it is not found, zig is used.
     #[arg(long, conflicts_with = "source_only")]
     compile: bool,
+    /// Write controllers as C for embedded targets, NAME.h and NAME.c, instead of FMUs (docs/firmware.md)
+    #[arg(
+        long,
+        requires = "names",
+        conflicts_with_all = ["all", "composite", "ssp", "source", "source_only", "compile", "terminals", "run"]
+    )]
+    firmware: bool,
+    /// Time between two calls of the firmware, s [default: its sample time, or the step size of its description]
+    #[arg(long, value_name = "S", requires = "firmware")]
+    period: Option<f64>,
+    /// Runge-Kutta steps in each call of the firmware [default: as many as it needs in its loop]
+    #[arg(long, value_name = "N", requires = "firmware")]
+    substeps: Option<u32>,
+    /// Loop in which the number of these steps is found [default: the first example with this FMU]
+    #[arg(long = "loop", value_name = "LOOP", requires = "firmware", conflicts_with = "substeps")]
+    in_loop: Option<String>,
+    /// Outputs of the firmware where a step is refused: those before (hold), zeros, or the manual control
+    #[arg(long, value_name = "hold|zero|manual", requires = "firmware", default_value = "hold")]
+    fallback: String,
+    /// Parameters of the firmware that can change while it runs [default: all that allow it]
+    ///
+    /// Names without indices; `--calibrate ''` makes all of them constants.
+    #[arg(long, value_name = "NAME,…", requires = "firmware", value_delimiter = ',')]
+    calibrate: Option<Vec<String>>,
     /// Platforms to compile for, with zig [default: this platform only, with its own compiler]
     ///
     /// `pip install ziglang` installs zig. Libraries for Linux are compiled against glibc 2.17.
@@ -85,6 +112,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { with_folders(names)? };
+    if arguments.firmware {
+        return arguments.write_firmware(&names, &library);
+    }
     let mut tried = match values {
         Some(values) => vec![export_with_values(&names, values, &library, out, &content)],
         None => export_named(&names, &library, out, &content)?,
@@ -116,6 +146,61 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 }
 
 impl Arguments {
+    /// Writes controllers as C for targets.
+    fn write_firmware(&self, names: &[String], library: &Library) -> Result<ExitCode, Error> {
+        let fallback = match self.fallback.as_str() {
+            "hold" => Fallback::Hold,
+            "zero" => Fallback::Zero,
+            "manual" => Fallback::Manual,
+            other => return Err(Error::unknown("fallback", other, ["hold", "zero", "manual"], "")),
+        };
+        let named = |names: &Vec<String>| names.iter().filter(|name| !name.is_empty()).cloned().collect();
+        let calibrate = self.calibrate.as_ref().map(named);
+        let mut files = Vec::new();
+        for name in names {
+            let source = exporter::find_description(name)?;
+            let source = match &self.values {
+                Some(values) => with_values(source, values, library)?,
+                None => source,
+            };
+            let substeps = self.substeps.map_or_else(|| self.found_substeps(&source), Ok)?;
+            let options = Options { period: self.period, substeps, fallback, calibrate: calibrate.clone() };
+            files.extend(exporter::export_firmware(&source, library, &options, &self.out)?);
+        }
+        if self.json {
+            say!("{}", json!({ "files": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
+        } else {
+            files.iter().for_each(|file| say!("{}", file.display()));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// As many Runge-Kutta steps as a law needs in its loop.
+    fn found_substeps(&self, source: &Source) -> Result<u32, Error> {
+        let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+        let described = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
+        let (name, step) = (&described.name, self.period.unwrap_or(described.experiment.step));
+        let examples = || exporter::loops().iter().map(|(name, _)| *name);
+        let loops: Vec<&str> = self.in_loop.as_deref().map_or_else(|| examples().collect(), |name| vec![name]);
+        for name_of_loop in loops {
+            let structure = LoopFiles::find(name_of_loop)?.structure()?;
+            let Some(component) = structure.components.iter().find(|component| component.fmu == *name) else {
+                continue;
+            };
+            let found = substeps(&structure, component, step, &*super::ready::units()?)?;
+            remark!("{name}: {found} Runge-Kutta steps in {step} s, as {name_of_loop} needs them");
+            return Ok(found);
+        }
+        let reason = match &self.in_loop {
+            Some(name_of_loop) => format!("{name_of_loop} has no component of {name}"),
+            None => format!(
+                "no example has {name}: --loop LOOP names the loop in which the number of Runge-Kutta steps is found (`adaptive-fmu \
+                 new loop` writes one), or --substeps N gives it"
+            ),
+        };
+        Err(refuse(reason))
+    }
+
     /// What the FMUs are to hold.
     fn form(&self) -> Result<Form, Error> {
         let named = |name: &String| {

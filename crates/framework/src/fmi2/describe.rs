@@ -11,7 +11,7 @@ use crate::system::{Element, Variable};
 
 use super::build::{Build, Library};
 use super::kernel::Functions;
-use super::{logger, model_description};
+use super::{firmware, logger, model_description};
 
 /// The reply to a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,12 +54,23 @@ pub struct SourceUnit {
     pub files: Vec<(String, String)>,
 }
 
+/// A law that is asked for as C for a target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FirmwareRequest {
+    /// The description's text.
+    pub description: String,
+    /// How the law is exported.
+    pub options: firmware::Options,
+}
+
 #[derive(Debug, Serialize, Deserialize)]
 enum Reply {
     #[serde(rename = "described")]
     Described(Box<Described>),
     #[serde(rename = "source")]
     Source(Box<SourceUnit>),
+    #[serde(rename = "firmware")]
+    Firmware([(String, String); 2]),
     #[serde(rename = "kernel")]
     Kernel(Box<Functions>),
     #[serde(rename = "failure")]
@@ -115,6 +126,19 @@ pub fn source(description: Option<&str>, library: Library) -> String {
     made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Source(Box::new(made))))
 }
 
+/// The reply, as JSON, to a [`FirmwareRequest`]: the law as C for a target.
+pub fn firmware(request: Option<&str>, library: Library) -> String {
+    let made = || -> Result<[(String, String); 2], Invalid> {
+        let request: FirmwareRequest = serde_json::from_str(request.unwrap_or_default()).map_err(Invalid::because)?;
+        let model = Model::from_description(Description::read(&request.description)?, library.registry)?;
+        let files = firmware::files(&model, &request.options)?;
+        // A law that can't start from its own start values is not worth a target.
+        Execution::new(model).initialise().map_err(Invalid::because)?;
+        Ok(files)
+    };
+    made().map_or_else(|invalid| failure(&invalid.to_string()), |files| write(&Reply::Firmware(files)))
+}
+
 /// The reply, as JSON, of an instance: what its kernel is compiled from.
 pub fn kernel(made: Result<Functions, Invalid>) -> String {
     made.map_or_else(|invalid| failure(&invalid.to_string()), |functions| write(&Reply::Kernel(Box::new(functions))))
@@ -151,6 +175,19 @@ pub fn read_source(reply: &str) -> Result<Result<SourceUnit, String>, String> {
         Ok(Reply::Source(source)) => Ok(Ok(*source)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
         Ok(_) => Err("another reply than a source".to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Reads a reply: a law as C for a target, or why there is none.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_firmware(reply: &str) -> Result<Result<[(String, String); 2], String>, String> {
+    match serde_json::from_str(reply) {
+        Ok(Reply::Firmware(files)) => Ok(Ok(files)),
+        Ok(Reply::Failure(reason)) => Ok(Err(reason)),
+        Ok(_) => Err("another reply than a law".to_owned()),
         Err(error) => Err(error.to_string()),
     }
 }

@@ -143,6 +143,8 @@ macro_rules! define_fmi2_functions {
                 { fmi2::describe(library(), $crate::fmi2::describe::reply, description, reply, context) }
                 fn adaptive_fmu_source(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
                 { fmi2::describe(library(), $crate::fmi2::describe::source, description, reply, context) }
+                fn adaptive_fmu_firmware(request: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
+                { fmi2::describe(library(), $crate::fmi2::describe::firmware, request, reply, context) }
                 fn adaptive_fmu_kernel_functions(c: Component, folded: Boolean, reply: Option<fmi2::Reply>,
                     context: *mut c_void) -> Boolean
                 { fmi2::kernel_functions(c, folded, reply, context) }

@@ -10,6 +10,7 @@ pub mod build;
 pub mod calls;
 mod derivatives;
 pub mod describe;
+pub mod firmware;
 pub mod floating_point;
 pub mod instance;
 #[allow(unsafe_code)]

@@ -13,6 +13,7 @@ mod instructions;
 mod iteration;
 mod method;
 mod node;
+mod simplified;
 mod structure;
 mod tangent;
 mod tape;

@@ -301,6 +301,15 @@ impl Note {
             Note::Message { condition, .. } | Note::Refusal { condition, .. } => *condition,
         }
     }
+
+    /// The same where its condition has moved; numbers in its text have not.
+    pub(super) fn moved(&self, to: &dyn Fn(Node) -> Node) -> Note {
+        let mut note = self.clone();
+        match &mut note {
+            Note::Message { condition, .. } | Note::Refusal { condition, .. } => *condition = to(*condition),
+        }
+        note
+    }
 }
 
 /// Tells operations apart: a multiplication a number. Most of the time of a recording would go into the hash that the standard

@@ -5,9 +5,9 @@ use std::marker::PhantomData;
 
 use super::spec::{DiscreteSpec, Many, Shape, Spec, boolean, vector};
 use super::values::{
-    BooleanOf, Choice, ChoiceOf, Class, DifferenceOf, Handle, IntegerOf, Offsets, Span, VectorOf, class,
+    BooleanOf, Choice, ChoiceOf, Class, DifferenceOf, Handle, IntegerOf, Offsets, ScalarOf, Span, VectorOf, class,
 };
-use super::variable::{Causality, Data, Naming, Section, Shown, Variability, Variable, Variables};
+use super::variable::{Causality, Data, Naming, SamplingClock, Section, Shown, Variability, Variable, Variables};
 use crate::error::Invalid;
 
 /// The handle that belongs to a discrete value's type.
@@ -243,6 +243,14 @@ impl Declaration {
             self.variables.stepped = Some(start);
         }
         BooleanOf { start, class: PhantomData }
+    }
+
+    /// The clock of a law that is sampled at `start` + k `period` + `shift`, where k − 1 samples were taken: C for targets counts
+    /// calls in its place, so that no sample is lost in the rounding of time.
+    pub fn sampling_clock(&mut self, clock: SamplingClock<ScalarOf<class::Discrete>>) {
+        let place = |handle: ScalarOf<class::Discrete>| self.absolute(handle.span()).start;
+        let clock = clock.map(place);
+        self.variables.clocks.push(clock);
     }
 
     /// Event indicators, and what each watches ("height above the floor"), for messages; an empty text where it has no

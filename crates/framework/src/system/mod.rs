@@ -127,7 +127,8 @@ pub use values::{
     Rates, ScalarOf, Signals, Span, Values, VectorOf,
 };
 pub use variable::{
-    Causality, Data, Element, NO_LIMIT, Naming, Section, Shown, TELLS_NO_LIMIT, Variability, Variable, Variables,
+    Causality, Data, Element, NO_LIMIT, Naming, SamplingClock, Section, Shown, TELLS_NO_LIMIT, Variability, Variable,
+    Variables,
 };
 
 pub use values::class::{Derivative, Discrete, Input, Memory, Parameter, Prepared, Signal, State};

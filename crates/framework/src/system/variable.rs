@@ -335,6 +335,26 @@ fn pick<T>(entries: &[T], index: usize) -> Option<&T> {
     if entries.len() == 1 { entries.first() } else { entries.get(index) }
 }
 
+/// The memory of a sampled law's clock: by handles, or by places.
+#[derive(Debug, Clone, Copy)]
+pub struct SamplingClock<T> {
+    /// From sample to sample, s; 0 where there is none.
+    pub period: T,
+    /// When it began, s.
+    pub start: T,
+    /// Samples that were taken.
+    pub count: T,
+    /// How far a master's points are from the samples by rounding, s.
+    pub shift: T,
+}
+
+impl<T> SamplingClock<T> {
+    /// The same by other means.
+    pub(crate) fn map<R>(self, to: impl Fn(T) -> R) -> SamplingClock<R> {
+        SamplingClock { period: to(self.period), start: to(self.start), count: to(self.count), shift: to(self.shift) }
+    }
+}
+
 /// All variables of a system.
 #[derive(Debug, Clone, Default)]
 pub struct Variables {
@@ -347,6 +367,8 @@ pub struct Variables {
     pub(super) stepped: Option<usize>,
     /// How many variables are the system's own; those that every model has come after them.
     pub(super) own: usize,
+    /// The clocks of sampled laws, by places among the discrete reals.
+    pub(super) clocks: Vec<SamplingClock<usize>>,
     /// Names that a description may give start values without effect.
     pub(super) without_effect: Vec<String>,
     pub(super) real_sizes: [usize; Section::COUNT],
@@ -381,6 +403,12 @@ impl Variables {
             })
         };
         self.offsets = Offsets { real: running(&self.real_sizes), integer: running(&self.integer_sizes) };
+    }
+
+    /// The clocks of sampled laws, by places among all reals.
+    pub fn clocks(&self) -> impl Iterator<Item = SamplingClock<usize>> + '_ {
+        let first = self.reals(Section::Discrete).start;
+        self.clocks.iter().map(move |clock| clock.map(|place| first + place))
     }
 
     /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.

@@ -8,10 +8,12 @@ mod operating_point;
 mod plan;
 mod responses;
 mod sampled;
+mod substeps;
 mod sweep;
 mod trim;
 
 pub use linearise::{Linearisation, Quantity, linearise};
 pub use operating_point::{Method, OperatingPoint};
+pub use substeps::substeps;
 pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};
 pub use trim::{AtBound, Trim, Wanted};

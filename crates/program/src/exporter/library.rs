@@ -13,7 +13,8 @@ use super::platform::Platform;
 use crate::cache::{self, Checksum, Entry};
 use crate::dynamic;
 use crate::error::Error;
-use crate::fmi2::describe::{self, Described, SourceUnit};
+use crate::fmi2::describe::{self, Described, FirmwareRequest, SourceUnit};
+use crate::fmi2::firmware::Options;
 use crate::text_file;
 
 /// Folder of the libraries in an archive for users without Rust, one folder a platform in it.
@@ -172,6 +173,18 @@ impl Library {
         let refuse = |reason: String| refused(description, &reason);
         let reply = self.ask(b"adaptive_fmu_source", Some(description))?;
         describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
+    }
+
+    /// The law of a description as C for a target: NAME.h and NAME.c.
+    ///
+    /// # Errors
+    /// As [`Library::source`], and for options that don't fit the law; for a library of an older version, which knows no firmware.
+    pub fn firmware(&self, description: &Source, options: &Options) -> Result<[(String, String); 2], Error> {
+        let refuse = |reason: String| refused(description, &reason);
+        let request = FirmwareRequest { description: description.text.clone(), options: options.clone() };
+        let text = serde_json::to_string(&request).map_err(|error| Error::Library(error.to_string()))?;
+        let reply = self.ask(b"adaptive_fmu_firmware", Some(&Source { text, ..description.clone() }))?;
+        describe::read_firmware(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
     fn unknown(&self, reason: &str) -> Error {

@@ -5,6 +5,7 @@ mod archive;
 mod asked;
 mod binaries;
 mod compiler;
+mod firmware;
 mod held;
 #[allow(unsafe_code)]
 mod library;
@@ -22,6 +23,7 @@ pub use archive::{
 };
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
+pub use firmware::export_firmware;
 pub use held::{hold, tidy};
 pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library, SHARED, own_library};

@@ -300,6 +300,22 @@ fn expression(operation: &Operation, scope: &Scope) -> Expression {
 }
 
 impl Function<'_> {
+    /// A constant by the name of what it is, with a comment.
+    pub fn named_number(&mut self, variable: &str, value: f64, comment: &str) -> Expression {
+        let number = Expression::number(value);
+        let named = self.named(variable, Kind::Real, &number.text, comment);
+        Expression { known: Some(value), ..named }
+    }
+
+    /// What stands elsewhere, by the name of the variable that it is.
+    pub fn named(&mut self, variable: &str, kind: Kind, text: &str, comment: &str) -> Expression {
+        let name = self.names.of(variable);
+        let of = if kind == Kind::Real { "real" } else { "int" };
+        let comment = if comment.is_empty() { String::new() } else { format!(" /* {comment} */") };
+        self.whole_line(&format!("const {of} {name} = {text};{comment}"));
+        Expression::atom(name, kind)
+    }
+
     /// What stands at a place of an array, by a name of its own, in a line with what it is.
     pub fn read(&mut self, array: &str, place: usize, kind: Kind, variable: &str) -> Expression {
         let name = self.names.of(variable);

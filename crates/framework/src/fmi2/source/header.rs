@@ -4,12 +4,11 @@ use std::fmt::Write;
 use std::ops::Range;
 
 use super::Unit;
-use super::expression::number;
 use super::message::quoted;
 use crate::fmi2::calls::Interface;
 use crate::fmi2::model_description::{guid, guid_text};
 use crate::fmi2::snapshot;
-use crate::recording::{Leaf, Method, Note, Operation};
+use crate::recording::{Method, Note, Operation};
 use crate::system::{Section, Span, Variables};
 
 /// The version of what the runtime asks of a unit.
@@ -54,8 +53,6 @@ pub fn write(unit: &Unit) -> String {
     define("UNIT_INDICATORS", &variables.indicators().len());
     define("UNIT_HAS_TIME_EVENTS", &u8::from(has_time_events(unit)));
     define("UNIT_OUTPUTS", &variables.controlled().count());
-    define("UNIT_REAL_OUTPUTS", &super::tables::real_outputs(variables).len());
-    define("UNIT_READS_TIME", &u8::from(reads_time(unit)));
     define("UNIT_CATEGORIES", &unit.categories.len());
     let (messages, values) = told(unit);
     define("UNIT_MOST_MESSAGES", &messages);
@@ -68,8 +65,6 @@ pub fn write(unit: &Unit) -> String {
     for (name, place) in places(unit) {
         define(&format!("AT_{name}"), &place.map_or(-1, |place| place as i64));
     }
-    let period = number(model.description().experiment.step);
-    let _ = write!(text, "#ifndef UNIT_LAW_PERIOD\n#define UNIT_LAW_PERIOD {period}\n#endif\n");
     text
 }
 
@@ -88,16 +83,6 @@ fn has_time_events(unit: &Unit) -> bool {
     let next = unit.record(Method::NextTimeEvent);
     let is_never = |operation: &Operation| *operation == Operation::Constant(f64::INFINITY.to_bits());
     !next.results.iter().all(|node| is_never(next.tape.operation(*node)))
-}
-
-/// True if time stands in the equations: else each step of a law may begin at 0.
-fn reads_time(unit: &Unit) -> bool {
-    [Method::Evaluate, Method::Event].into_iter().any(|method| {
-        let recording = unit.record(method);
-        let operands = recording.tape.operations().iter().flat_map(Operation::operands);
-        let given = recording.reals.iter().chain(&recording.results).copied();
-        operands.chain(given).any(|node| *recording.tape.operation(node) == Operation::Leaf(Leaf::Time))
-    })
 }
 
 /// The most messages that a method may leave, and the most numbers in one.

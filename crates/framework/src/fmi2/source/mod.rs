@@ -6,11 +6,11 @@
 
 mod derivatives;
 mod equations;
-mod expression;
-mod function;
+pub(crate) mod expression;
+pub(crate) mod function;
 mod header;
 mod message;
-mod names;
+pub(crate) mod names;
 mod tables;
 
 use crate::error::Invalid;
@@ -32,7 +32,7 @@ macro_rules! runtime {
 runtime!(
     "access.c" "all.c" "calls.c" "choice.c" "chosen.c" "derivatives.c" "digits.c" "driver.c" "elimination.c" "events.c"
     "exchange.c" "exchange_calls.c" "execution.c" "explicit.c" "failures.c" "fixed.c" "fmi2.c" "fmi2.h"
-    "indicators.c" "instance.h" "law.c" "law.h" "memory.c" "modes.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h"
+    "indicators.c" "instance.h" "memory.c" "modes.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h"
     "runtime.h" "spectrum.c" "stability.c" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
 );
 

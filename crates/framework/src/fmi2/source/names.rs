@@ -20,6 +20,11 @@ pub struct Names {
 }
 
 impl Names {
+    /// Names beside these.
+    pub fn beside(words: &[&str]) -> Self {
+        Names { taken: words.iter().map(|word| (*word).to_owned()).collect() }
+    }
+
     /// A name for a variable of the unit, as near to its own as C allows.
     pub fn of(&mut self, variable: &str) -> String {
         let mut name: String = variable.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();

@@ -7,7 +7,7 @@ use super::expression::number;
 use super::message::quoted;
 use crate::fmi2::access::{Access, References, Type};
 use crate::model::Model;
-use crate::system::{Causality, Data, Element, Section, Variables};
+use crate::system::{Data, Section};
 
 /// Entries in a line.
 const IN_A_LINE: usize = 8;
@@ -30,11 +30,6 @@ pub fn write(unit: &Unit) -> String {
     let outputs = variables.controlled();
     let outputs = outputs.map(|(place, output, nominal)| format!("{{ {place}, {output}, {} }}", number(nominal)));
     text += &list("Output unit_watched[AT_LEAST_ONE(UNIT_OUTPUTS)]", outputs);
-    let outputs = real_outputs(variables).into_iter().map(|y| variables.index(y).to_string());
-    text += &format!(
-        "#ifdef UNIT_LAW\n{}#endif\n\n",
-        list("int unit_real_outputs[AT_LEAST_ONE(UNIT_REAL_OUTPUTS)]", outputs)
-    );
     let names = variables.indicators().iter().map(|name| quoted(name));
     text += &list("char *const unit_indicator_names[AT_LEAST_ONE(UNIT_INDICATORS)]", names);
     let categories = unit.categories.iter().map(|name| quoted(name));
@@ -80,12 +75,6 @@ pub fn list(declaration: &str, entries: impl Iterator<Item = String>) -> String 
         let _ = write!(text, "\n    {nothing}");
     }
     text + "\n};\n\n"
-}
-
-/// Real outputs, in the order of modelDescription.xml.
-pub fn real_outputs(variables: &Variables) -> Vec<Element<'_>> {
-    let is_output = |y: &Element| y.variable.is_real() && y.variable.causality == Causality::Output;
-    variables.visible().filter(is_output).collect()
 }
 
 /// As the runtime names what may be done with a value.

@@ -134,9 +134,7 @@ static int substep(Driver *driver, Problem *problem, real *t, real target, const
     if (!begin_substep(driver, problem, settings->method, way, pace, error)) {
         return 0;
     }
-#ifndef UNIT_LAW
     note_method(driver, settings->method, *t, pace);
-#endif
     real h = first_substep(driver, pace, way, smallest);
     for (;;) {
         Estimate estimate = controlled(driver, problem, h, tolerance, pace);

@@ -52,9 +52,7 @@ static int fixed_advance(Driver *driver, Problem *problem, real t0, real t1, con
     int steps = settings->fixed_steps;
     real t = t0, h = (t1 - t0) / (real)steps;
     EventCount begun = count_from(t0, R(0.0));
-#ifndef UNIT_LAW
     note_method(driver, settings->method, t0, NULL);
-#endif
 #if UNIT_INDICATORS > 0
     driver->indicators.substep = R(0.0);
     driver->indicators.span = h;

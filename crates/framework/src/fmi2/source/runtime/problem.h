@@ -12,17 +12,10 @@
 
 /* Whether anything moves between time events. */
 #define UNIT_MOVES (UNIT_STATES > 0 || UNIT_INDICATORS > 0)
-/* A law takes steps of fixed length alone. The stiff method needs states, and is dense; eigenvalues of larger systems take too
- * long. */
-#ifdef UNIT_LAW
-#define UNIT_HAS_ORDER_8 0
-#define UNIT_HAS_STIFF 0
-#define UNIT_HAS_SPECTRUM 0
-#else
+/* The stiff method needs states, and is dense; eigenvalues of larger systems take too long. */
 #define UNIT_HAS_ORDER_8 UNIT_MOVES
 #define UNIT_HAS_STIFF (UNIT_STATES > 0 && UNIT_STATES <= 2000)
 #define UNIT_HAS_SPECTRUM (UNIT_STATES > 0 && UNIT_STATES <= 250)
-#endif
 
 /* Everything that an evaluation writes, with the states between. */
 #define EVALUATED (FIRST_RATE + UNIT_STATES - FIRST_INPUT)

@@ -1,0 +1,359 @@
+//! The driver of a controller in C: one step of it.
+
+use std::fmt::Write;
+
+use super::Fallback;
+use super::equations::refusals;
+use super::functions::Structs;
+use super::header::flags;
+use super::law::Law;
+use super::members::Member;
+use crate::system::Section;
+
+/// Tasks of a controller's driver.
+#[derive(Debug)]
+pub(super) struct Driver {
+    /// Members of the discrete part in addition to variables.
+    pub counters: Vec<String>,
+    pub has_discrete: bool,
+    pub has_states: bool,
+    pub has_signals: bool,
+    pub has_inputs: bool,
+    /// True if a refused step gives the last outputs.
+    pub holds: bool,
+    pub counts_steps: bool,
+    pub has_events: bool,
+    /// True if a calibration changes states or discrete values.
+    pub has_changes: bool,
+    pub counts_samples: bool,
+}
+
+impl Driver {
+    pub fn of(law: &Law, structs: &Structs) -> Self {
+        let clock = law.variables().clocks().next();
+        let counts_samples = law.every > 0 && clock.is_some_and(|clock| law.live.reals[clock.count]);
+        let has_events = !law.indicators.is_empty();
+        let mut counters = Vec::new();
+        let mut counter = |is: bool, text: &str| {
+            if is {
+                counters.push(text.to_owned());
+            }
+        };
+        counter(counts_samples, "uint64_t samples; /* that were taken */");
+        counter(law.every > 1, "uint32_t calls; /* since the last sample */");
+        counter(has_events, "uint32_t sides; /* on which sides event indicators are, a bit each */");
+        let (reals, integers) = law.changed(&law.recorded.parameters_changed);
+        Driver {
+            has_discrete: !structs.discrete.is_empty() || !counters.is_empty(),
+            has_states: !structs.states.is_empty(),
+            has_signals: !structs.signals.is_empty(),
+            has_inputs: !structs.inputs.is_empty(),
+            holds: law.fallback == Fallback::Hold,
+            counts_steps: law.reads_time,
+            has_events,
+            has_changes: !(structs.parameters.is_empty() || reals.is_empty() && integers.is_empty()),
+            counts_samples,
+            counters,
+        }
+    }
+
+    /// Parameters of a function of the equations: those that there are, of which some may be written.
+    pub fn parameters(&self, law: &Law, writes: Writes) -> Vec<(String, &'static str)> {
+        let mut all = vec![("const § *self".to_owned(), "self")];
+        let mut one = |is: bool, written: bool, kind: &str, name: &'static str| {
+            if is {
+                all.push((format!("{}§_{kind} *{name}", if written { "" } else { "const " }), name));
+            }
+        };
+        let changes = writes == Writes::State;
+        one(self.has_states, changes, "states", "x");
+        one(self.has_discrete, changes, "discrete", "d");
+        one(self.has_inputs, false, "inputs", "in");
+        one(self.has_signals && writes != Writes::Rates, writes == Writes::Signals, "signals", "y");
+        if law.reads_time {
+            all.push(("real t".to_owned(), "t"));
+        }
+        if writes == Writes::Rates {
+            all.push(("§_states *dx".to_owned(), "dx"));
+        }
+        all
+    }
+
+    pub fn declared(&self, law: &Law, writes: Writes) -> String {
+        self.parameters(law, writes).into_iter().map(|(text, _)| text).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The same in a call, with these pointers.
+    pub fn called(&self, law: &Law, writes: Writes, x: &str, t: &str) -> String {
+        let of = |name: &'static str| match name {
+            "x" => x,
+            "t" => t,
+            other => other,
+        };
+        self.parameters(law, writes).into_iter().map(|(_, name)| of(name)).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Values that a function of the equations writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Writes {
+    Nothing,
+    Signals,
+    Rates,
+    State,
+}
+
+/// The functions of the driver.
+pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    [
+        loops(law, structs, driver),
+        settle(law, driver),
+        integrate(law, driver),
+        advance(law, structs, driver),
+        checks(structs),
+    ]
+    .concat()
+}
+
+/// Operations on all states.
+fn loops(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let mut text = String::new();
+    if driver.has_states {
+        let states = |line: &str| structs.states.list.iter().map(|member| member.each(line)).collect::<String>();
+        let _ = write!(
+            text,
+            "/* The states h further along these rates. */\nstatic void §_along(const §_states *from, real h, const §_states *rates, \
+             §_states *to)\n{{\n{}}}\n\n/* Adds so many times the rates. */\nstatic void §_add(§_states *sum, real times, const \
+             §_states *rates)\n{{\n{}}}\n\n",
+            states("to->@ = from->@ + h * rates->@;"),
+            states("sum->@ += times * rates->@;")
+        );
+    }
+    let of_states: String =
+        structs.states.list.iter().map(|member| member.each("sound = sound && F(fabs)(x->@) <= R(1e12);")).collect();
+    let outputs: String = sound_outputs(law, structs);
+    let _ = write!(
+        text,
+        "/* True if states and outputs are numbers, and not beyond any use. */\nstatic bool §_is_sound({})\n{{\n    bool sound = \
+         true;\n{of_states}{outputs}    return sound;\n}}\n\n",
+        [driver.has_states.then_some("const §_states *x"), (!outputs.is_empty()).then_some("const §_outputs *out")]
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>()
+            .join(", ")
+    );
+    text
+}
+
+fn sound_outputs(law: &Law, structs: &Structs) -> String {
+    let of_states: Vec<bool> = structs.outputs.list.iter().map(|member| is_state(law, member)).collect();
+    let others = structs.outputs.list.iter().zip(of_states).filter(|(_, is_state)| !is_state);
+    others.map(|(member, _)| member.each("sound = sound && F(fabs)(out->@) <= R(1e12);")).collect()
+}
+
+fn is_state(law: &Law, member: &Member) -> bool {
+    law.variables().find(&member.elements[0]).is_some_and(|element| element.variable.section == Section::State)
+}
+
+/// Events where something has changed sides.
+fn settle(law: &Law, driver: &Driver) -> String {
+    if !driver.has_events {
+        return String::new();
+    }
+    let evaluate = if driver.has_signals {
+        format!("        §_evaluate({});\n", driver.called(law, Writes::Signals, "x", "t"))
+    } else {
+        String::new()
+    };
+    let y = if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
+    format!(
+        "/* Handles events until nothing changes sides; not 0 where that doesn't end. Signals stand as they are then. */\nstatic int \
+         §_settle({y})\n{{\n    for (int k = 0; k < 8; k++) {{\n{evaluate}        const uint32_t sides = §_sides({});\n        if \
+         (sides == d->sides) {{\n            return 0;\n        }}\n        d->sides = sides;\n        §_event({});\n    }}\n    \
+         return 1;\n}}\n\n",
+        driver.called(law, Writes::Nothing, "x", "t"),
+        driver.called(law, Writes::State, "x", "t")
+    )
+}
+
+/// Parameters of a function that changes states and evaluates signals.
+fn declared_with_signals(driver: &Driver, law: &Law) -> String {
+    driver.declared(law, Writes::State).replace("const §_signals *y", "§_signals *y")
+}
+
+/// A period by Runge-Kutta steps of order 4.
+fn integrate(law: &Law, driver: &Driver) -> String {
+    if !driver.has_states {
+        return String::new();
+    }
+    let begins = if law.reads_time { "const real begin = t + (real)k * h;\n        " } else { "" };
+    let rates = |x: &str, to: &str, later: &str| {
+        let t = format!("begin{later}");
+        let called = driver.called(law, Writes::Rates, x, &t);
+        format!("§_rates({});", called.strip_suffix("dx").unwrap_or(&called).to_owned() + to)
+    };
+    let events = if driver.has_events && law.events_within {
+        let called = driver.called(law, Writes::State, "x", "begin + h");
+        format!("        if (§_settle({called}) != 0) {{\n            return 1;\n        }}\n")
+    } else {
+        String::new()
+    };
+    let y = if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
+    let unused = if driver.has_signals && events.is_empty() { "    (void)y;\n" } else { "" };
+    format!(
+        "/* One period by Runge-Kutta steps of order 4, inputs constant; not 0 where events don't end. */\nstatic int \
+         §_integrate({y})\n{{\n    const real h = R({:?}) / R({:?});\n{unused}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
+         {begins}§_states rates, sum, to;\n        {}\n        §_along(x, R(0.5) * h, &sum, &to);\n        {}\n        \
+         §_add(&sum, R(2.0), &rates);\n        §_along(x, R(0.5) * h, &rates, &to);\n        {}\n        §_add(&sum, R(2.0), \
+         &rates);\n        §_along(x, h, &rates, &to);\n        {}\n        §_add(&sum, R(1.0), &rates);\n        to = \
+         *x;\n        §_along(&to, h / R(6.0), &sum, x);\n{events}    }}\n    return 0;\n}}\n\n",
+        law.period,
+        f64::from(law.substeps),
+        rates("x", "&sum", ""),
+        rates("&to", "&rates", " + R(0.5) * h"),
+        rates("&to", "&rates", " + R(0.5) * h"),
+        rates("&to", "&rates", " + h"),
+    )
+}
+
+/// One step of a copy of the states.
+fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let state = |name: &str| format!("§_{name}({})", driver.called(law, Writes::State, "x", "t"));
+    let refuses =
+        |call: &str, bit: &str| format!("    if ({call} != 0) {{\n        return §_REFUSED | §_{bit};\n    }}\n");
+    let evaluate = if driver.has_signals {
+        format!("    §_evaluate({});\n", driver.called(law, Writes::Signals, "x", "t"))
+    } else {
+        String::new()
+    };
+    let mut text = String::new();
+    if law.reads_time {
+        text += &format!("    real t = (real)self->steps * R({:?});\n", law.period);
+    }
+    let mut start = format!("    if (!self->started) {{\n{}", indented(&refuses(&state("start"), "INVALID")));
+    if driver.has_events {
+        start += &indented(&evaluate);
+        start += &format!("        d->sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
+    }
+    text += &(start + "    }\n");
+    if driver.has_changes {
+        text += &format!("    if (self->calibrated) {{\n        {};\n    }}\n", state("changed"));
+    }
+    if driver.has_events {
+        text += &refuses(&state("settle"), "INVALID");
+    }
+    if driver.has_states {
+        text += &refuses(&state("integrate"), "INVALID");
+    }
+    if law.reads_time {
+        text += &format!("    t = (real)(self->steps + 1) * R({:?});\n", law.period);
+    }
+    if law.every > 0 {
+        text += &sampling(law, driver, &evaluate);
+    }
+    text += &evaluate;
+    if !refusals(law, &law.recorded.check).is_empty() {
+        let called = driver.called(law, Writes::Nothing, "x", "t");
+        text += &refuses(&format!("§_check({called})"), "INVALID");
+    }
+    let (reals, integers) = law.changed(&law.recorded.completed);
+    if !(reals.is_empty() && integers.is_empty()) {
+        text += &format!("    {};\n", state("completed"));
+    }
+    text += &given(law, structs);
+    let out = (!sound_outputs(law, structs).is_empty()).then_some("out");
+    let sound = driver.has_states.then_some("x").into_iter().chain(out).collect::<Vec<_>>().join(", ");
+    text += &format!("    if (!§_is_sound({sound})) {{\n        return §_REFUSED | §_DIVERGED;\n    }}\n");
+    text += &bits(law, structs);
+    let declared =
+        if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
+    let declared = declared.strip_suffix(", real t").unwrap_or(&declared);
+    format!(
+        "/* Takes a step of a copy of the states, and gives outputs. */\nstatic §_status §_advance({declared}, §_outputs *out)\n{{\n    §_status status = 0;\n{text}    return status;\n}}\n\n"
+    )
+}
+
+/// Lines, one level further in.
+fn indented(lines: &str) -> String {
+    lines.lines().map(|line| format!("    {line}\n")).collect()
+}
+
+/// A sample, in every call or in every so manieth.
+fn sampling(law: &Law, driver: &Driver, evaluate: &str) -> String {
+    let mut sample = evaluate.to_owned();
+    sample += &format!("    §_sample({});\n", driver.called(law, Writes::State, "x", "t"));
+    if driver.counts_samples {
+        sample += "    d->samples++;\n";
+    }
+    if driver.has_events {
+        sample += evaluate;
+        sample += &format!("    d->sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
+    }
+    if law.every == 1 {
+        return sample;
+    }
+    let every = law.every;
+    format!("    d->calls++;\n    if (d->calls >= {every}) {{\n        d->calls = 0;\n{}    }}\n", indented(&sample))
+}
+
+/// Outputs from signals and states.
+fn given(law: &Law, structs: &Structs) -> String {
+    let variables = law.variables();
+    let from = |place: usize| {
+        let signal = structs.signals.access(place, true).map(|access| format!("y->{access}"));
+        signal.or_else(|| structs.states.access(place, true).map(|access| format!("x->{access}")))
+    };
+    let _ = variables;
+    let line = |(to, place): (&String, usize)| Some(format!("    out->{to} = {};\n", from(place)?));
+    structs.outputs.reals().filter_map(line).collect()
+}
+
+/// Bits of the status of a step that was taken.
+fn bits(law: &Law, structs: &Structs) -> String {
+    let mut text = String::new();
+    let at = |place: usize| structs.signals.access(place, true).map(|access| format!("y->{access}"));
+    let cut: Vec<String> = law
+        .limited()
+        .into_iter()
+        .filter_map(|(before, output)| Some(format!("{} != {}", at(before)?, at(output)?)))
+        .collect();
+    if !cut.is_empty() {
+        let _ = write!(text, "    if ({}) {{\n        status |= §_LIMITED;\n    }}\n", cut.join(" || "));
+    }
+    for (flag, (name, ..)) in law.flags().into_iter().zip(flags(law)) {
+        let place = law.variables().index(flag);
+        let discrete = structs.discrete.access(place, false).map(|access| format!("d->{access}"));
+        let found = discrete.or_else(|| structs.signals.access(place, false).map(|access| format!("y->{access}")));
+        if let Some(found) = found {
+            let is = if matches!(flag.variable.data, crate::system::Data::Boolean { .. }) {
+                found
+            } else {
+                format!("{found} != 0")
+            };
+            let _ = write!(text, "    if ({is}) {{\n        status |= §_{name};\n    }}\n");
+        }
+    }
+    text
+}
+
+/// Checks that inputs are numbers.
+fn checks(structs: &Structs) -> String {
+    let mut text = String::new();
+    for (members, name, of) in [(&structs.inputs, "inputs", "in"), (&structs.manual, "manual", "manual")] {
+        let reals: String = members
+            .list
+            .iter()
+            .filter(|member| member.is_real)
+            .map(|member| member.each(&format!("sound = sound && isfinite({of}->@);")))
+            .collect();
+        if !members.is_empty() {
+            let unused = if reals.is_empty() { format!("    (void){of};\n") } else { String::new() };
+            let _ = write!(
+                text,
+                "/* True if these are numbers. */\nstatic bool §_{name}_are_numbers(const §_{name} *{of})\n{{\n    bool sound = \
+                 true;\n{unused}{reals}    return sound;\n}}\n\n"
+            );
+        }
+    }
+    text
+}

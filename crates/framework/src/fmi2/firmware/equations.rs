@@ -1,0 +1,204 @@
+//! The equations of a law as C functions, one for each method.
+
+use super::driver::{Driver, Writes};
+use super::functions::{Head, Structs, Written, access, function, integer_name, real_name};
+use super::law::Law;
+use crate::fmi2::source::expression::Kind;
+use crate::recording::{Node, Note, Recording};
+use crate::system::{Section, Variables};
+
+/// All of them.
+pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    [
+        prepare(law, structs),
+        evaluations(law, structs, driver),
+        changes(law, structs, driver),
+        sides(law, structs, driver),
+    ]
+    .concat()
+}
+
+/// Conditions under which a method refuses, with the reasons.
+pub(super) fn refusals(law: &Law, recording: &Recording) -> Vec<(Node, String)> {
+    let reason = |note: &Note| match note {
+        Note::Refusal { condition, reason } => {
+            let told = law.variables().told(&reason.to_string());
+            let mut pieces = told.split("{node ");
+            let first = pieces.next().unwrap_or_default().to_owned();
+            let text =
+                pieces.fold(first, |text, piece| text + "..." + piece.split_once('}').map_or("", |(_, rest)| rest));
+            Some((*condition, text))
+        }
+        Note::Message { .. } => None,
+    };
+    recording.tape.notes().iter().filter_map(reason).collect()
+}
+
+/// Values that follow from parameters.
+fn prepare(law: &Law, structs: &Structs) -> String {
+    if structs.parameters.is_empty() {
+        return String::new();
+    }
+    let written: Vec<Written> = law
+        .prepared()
+        .into_iter()
+        .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "p")?, place, node)))
+        .collect();
+    let r = if structs.prepared.is_empty() { "" } else { ", §_prepared *r" };
+    let head = Head {
+        what: "What follows from parameters; not 0 where they don't fit together: the number of the relation.",
+        declaration: format!("static int §_prepare(const §_parameters *p{r})"),
+        parameters: "p",
+    };
+    function(law, structs, &head, &law.recorded.relate, &written, &refusals(law, &law.recorded.relate))
+}
+
+fn written(law: &Law, to: String, place: usize, node: Node) -> Written {
+    let name = Some(real_name(law.variables(), place));
+    Written { to, node, kind: Kind::Real, name, source: source(law.variables(), place) }
+}
+
+/// Where the equation of a signal or of a rate is from.
+fn source(variables: &Variables, place: usize) -> &'static str {
+    let of = |v: &&crate::system::Variable| {
+        let first = variables.index(v.element(0));
+        v.is_real() && (first..first + v.len()).contains(&place)
+    };
+    variables.iter().find(of).map_or("", |v| v.source)
+}
+
+/// Signals, and the state equation.
+fn evaluations(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let mut text = String::new();
+    if driver.has_signals {
+        let reals = law
+            .signals()
+            .into_iter()
+            .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "")?, place, node)));
+        let whole = law.whole_signals().into_iter().filter_map(|(place, node)| {
+            let name = Some(integer_name(law.variables(), place));
+            Some(Written { to: access(structs, place, false, "")?, node, kind: Kind::Whole, name, source: "" })
+        });
+        let all: Vec<Written> = reals.chain(whole).collect();
+        let head = Head {
+            what: "The output equation: outputs, and other signals that are read.",
+            declaration: format!("static void §_evaluate({})", driver.declared(law, Writes::Signals)),
+            parameters: "",
+        };
+        text += &function(law, structs, &head, &law.recorded.evaluate, &all, &[]);
+    }
+    if driver.has_states {
+        let variables = law.variables();
+        let (first, rate) = (variables.reals(Section::State).start, variables.reals(Section::Derivative).start);
+        let rates: Vec<Written> = law
+            .rates()
+            .into_iter()
+            .filter_map(|(place, node)| {
+                let to = structs.states.access(place, true)?;
+                Some(Written {
+                    to: format!("dx->{to}"),
+                    node,
+                    kind: Kind::Real,
+                    name: Some(format!("d_{}", real_name(variables, place))),
+                    source: source(variables, rate + place - first),
+                })
+            })
+            .collect();
+        let head = Head {
+            what: "The state equation: rates of the states.",
+            declaration: format!("static void §_rates({})", driver.declared(law, Writes::Rates)),
+            parameters: "",
+        };
+        text += &function(law, structs, &head, &law.recorded.evaluate, &rates, &[]);
+    }
+    text
+}
+
+/// Methods that start, change and refuse.
+fn changes(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let recorded = &law.recorded;
+    let mut text = String::new();
+    let mut one = |name: &str, what: &str, recording: &Recording, refuses: bool| {
+        let (reals, integers) = law.changed(recording);
+        let reals = reals
+            .into_iter()
+            .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "")?, place, node)));
+        let integers = integers.into_iter().filter_map(|(place, node)| {
+            let name = Some(integer_name(law.variables(), place));
+            Some(Written { to: access(structs, place, false, "")?, node, kind: Kind::Whole, name, source: "" })
+        });
+        // Before the start all is zero.
+        let is_zero = |one: &Written| name == "start" && recording.tape.constant(one.node) == Some(0.0);
+        let all: Vec<Written> = reals.chain(integers).filter(|one| !is_zero(one)).collect();
+        let refusals = if refuses { refusals(law, recording) } else { Vec::new() };
+        let writes = if all.is_empty() { Writes::Nothing } else { Writes::State };
+        let head = Head {
+            what,
+            declaration: format!(
+                "static {} §_{name}({})",
+                if refuses { "int" } else { "void" },
+                driver.declared(law, writes)
+            ),
+            parameters: "",
+        };
+        text += &function(law, structs, &head, recording, &all, &refusals);
+    };
+    one(
+        "start",
+        "States and discrete values at the start; not 0 where there is none from these inputs.",
+        &recorded.start,
+        true,
+    );
+    if driver.has_changes {
+        one("changed", "What changes with parameters.", &recorded.parameters_changed, false);
+    }
+    if driver.has_events {
+        one("event", "An event.", &recorded.event, false);
+    }
+    if let Some(sample) = &recorded.sample {
+        one("sample", "A sample.", sample, false);
+    }
+    if !refusals(law, &recorded.check).is_empty() {
+        one("check", "Not 0 where the equations have no solution.", &recorded.check, true);
+    }
+    let (reals, integers) = law.changed(&recorded.completed);
+    if !(reals.is_empty() && integers.is_empty()) {
+        one("completed", "The end of a step.", &recorded.completed, false);
+    }
+    text
+}
+
+/// On which sides event indicators are.
+fn sides(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    if !driver.has_events {
+        return String::new();
+    }
+    let results = &law.recorded.indicators.results;
+    let all: Vec<Written> = law
+        .indicators
+        .iter()
+        .enumerate()
+        .map(|(k, &number)| Written {
+            to: format!("z[{k}]"),
+            node: results[number],
+            kind: Kind::Real,
+            name: None,
+            source: "",
+        })
+        .collect();
+    let head = Head {
+        what: "Event indicators: a change of sign is an event.",
+        declaration: format!("static void §_indicators({}, real *z)", driver.declared(law, Writes::Nothing)),
+        parameters: "",
+    };
+    let many = law.indicators.len();
+    function(law, structs, &head, &law.recorded.indicators, &all, &[])
+        + &format!(
+            "/* Bits of those that are negative; an indicator that is 0 stays on its side. */\nstatic uint32_t §_sides({})\n{{\n    \
+             real z[{many}];\n    uint32_t sides = 0;\n    §_indicators({}, z);\n    for (int k = 0; k < {many}; k++) {{\n        \
+             const uint32_t bit = UINT32_C(1) << k;\n        sides |= z[k] < R(0.0) ? bit : z[k] > R(0.0) ? 0 : (d->sides & \
+             bit);\n    }}\n    return sides;\n}}\n\n",
+            driver.declared(law, Writes::Nothing),
+            driver.called(law, Writes::Nothing, "x", "t")
+        )
+}

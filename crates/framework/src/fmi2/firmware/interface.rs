@@ -1,0 +1,176 @@
+//! The functions of the header.
+
+use std::fmt::Write;
+
+use super::Fallback;
+use super::driver::{Driver, Writes};
+use super::equations::refusals;
+use super::functions::{Structs, written_number};
+use super::header::{limits, real};
+use super::law::{ENABLED, Law};
+use super::members::Member;
+
+/// All of them.
+pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let mut text = String::new();
+    if !structs.parameters.is_empty() {
+        text += &defaults(law, structs);
+        text += &calibrate(law, structs, driver);
+    }
+    let enabled = law.variables().find(ENABLED).filter(|of| law.is_manual(of.variable));
+    let starts_enabled = enabled.is_none_or(|of| law.start.integers[law.variables().index(of)] != 0);
+    let mut init = "    (void)memset(self, 0, sizeof *self);\n    self->ready = READY;\n".to_owned();
+    if !structs.manual.is_empty() {
+        init += &format!("    self->enabled = {starts_enabled};\n");
+        for (to, place) in structs.manual.reals() {
+            init += &format!("    self->manual.{to} = {};\n", real(law.start.reals[place]));
+        }
+    }
+    if !structs.parameters.is_empty() {
+        init += "    (void)§_calibrate(self, &§_defaults);\n";
+    }
+    let _ = write!(text, "void §_init(§ *self)\n{{\n{init}}}\n\n");
+    text += &reset(structs, driver);
+    if !structs.manual.is_empty() {
+        text += "void §_enable(§ *self, bool enabled, const §_manual *manual)\n{\n    self->enabled = enabled;\n    if \
+                 (§_manual_are_numbers(manual)) {\n        self->manual = *manual;\n    }\n}\n\n";
+    }
+    text + &step(law, structs, driver)
+}
+
+fn reset(structs: &Structs, driver: &Driver) -> String {
+    let mut lines = String::new();
+    let mut line = |is: bool, text: &str| {
+        if is {
+            let _ = writeln!(lines, "    {text}");
+        }
+    };
+    line(!structs.states.is_empty(), "(void)memset(&self->x, 0, sizeof self->x);");
+    line(driver.has_discrete, "(void)memset(&self->d, 0, sizeof self->d);");
+    line(driver.holds, "(void)memset(&self->last, 0, sizeof self->last);");
+    line(driver.counts_steps, "self->steps = 0;");
+    line(true, "self->refused = 0;");
+    line(true, "self->started = false;");
+    line(driver.has_changes, "self->calibrated = false;");
+    format!("void §_reset(§ *self)\n{{\n{lines}}}\n\n")
+}
+
+/// The parameters of the export.
+fn defaults(law: &Law, structs: &Structs) -> String {
+    let mut text = "const §_parameters §_defaults = {\n".to_owned();
+    for member in &structs.parameters.list {
+        let values: Vec<String> = member
+            .elements
+            .iter()
+            .filter_map(|name| law.variables().find(name))
+            .map(|element| {
+                let place = law.variables().index(element);
+                if member.is_real { real(law.start.reals[place]) } else { law.start.integers[place].to_string() }
+            })
+            .collect();
+        let values = if values.len() > 1 { format!("{{ {} }}", values.join(", ")) } else { values.join("") };
+        let _ = writeln!(text, "    {values}, /* {} */", member.name);
+    }
+    text + "};\n\n"
+}
+
+fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let mut checks = String::new();
+    for member in &structs.parameters.list {
+        let name = &member.capitals;
+        let Some((min, above, max)) = limits(law, member) else { continue };
+        let mut parts = Vec::new();
+        if let Some(min) = min {
+            parts.push(format!("p->@ {} {}", if above { ">" } else { ">=" }, whole_or_real(member, min)));
+        }
+        if let Some(max) = max {
+            parts.push(format!("p->@ <= {}", whole_or_real(member, max)));
+        }
+        if member.is_real {
+            parts.push("isfinite(p->@)".to_owned());
+        }
+        let line = format!("if (!({})) {{ return §_BAD_{name}; }}", parts.join(" && "));
+        checks += &member.each(&line);
+    }
+    let (declared, called, taken) = if structs.prepared.is_empty() {
+        ("", "§_prepare(p)", "")
+    } else {
+        ("    §_prepared r;\n", "§_prepare(p, &r)", "    self->r = r;\n")
+    };
+    let relations = if refusals(law, &law.recorded.relate).is_empty() {
+        format!("    (void){called};\n")
+    } else {
+        format!(
+            "    const int relation = {called};\n    if (relation != 0) {{\n        return (§_calibration)((int)§_BAD_RELATION_1 + \
+             relation - 1);\n    }}\n"
+        )
+    };
+    let changed = if driver.has_changes { "    self->calibrated = true;\n" } else { "" };
+    format!(
+        "§_calibration §_calibrate(§ *self, const §_parameters *p)\n{{\n{declared}{checks}{relations}    self->p = \
+         *p;\n{taken}{changed}    return §_CALIBRATED;\n}}\n\n"
+    )
+}
+
+fn whole_or_real(member: &Member, value: f64) -> String {
+    if member.is_real { written_number(value) } else { format!("{}", value as i64) }
+}
+
+fn step(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let mut locals = String::new();
+    let mut taken = String::new();
+    let mut both = |is: bool, kind: &str, name: &str| {
+        if is {
+            let _ = writeln!(locals, "    §_{kind} {name} = self->{name};");
+            let _ = writeln!(taken, "        self->{name} = {name};");
+        }
+    };
+    both(driver.has_states, "states", "x");
+    both(driver.has_discrete, "discrete", "d");
+    if driver.has_signals {
+        locals += "    §_signals y;\n";
+    }
+    let called = driver.called(law, Writes::State, "&x", "");
+    let called = called.replace(", d", ", &d").replace(", y", ", &y");
+    let called = called.strip_suffix(", ").unwrap_or(&called).to_owned();
+    let advance = format!("§_advance({called}, &given)");
+    let status = if structs.inputs.is_empty() {
+        format!("    status = {advance};\n")
+    } else {
+        format!(
+            "    if (§_inputs_are_numbers(in)) {{\n        status = {advance};\n    }} else {{\n        status = §_REFUSED | §_BAD_INPUT;\n    }}\n"
+        )
+    };
+    if driver.holds {
+        taken += "        self->last = given;\n";
+    }
+    if driver.counts_steps {
+        taken += "        self->steps++;\n";
+    }
+    if driver.has_changes {
+        taken += "        self->calibrated = false;\n";
+    }
+    taken += "        self->started = true;\n        *out = given;\n";
+    let fallback = match law.fallback {
+        Fallback::Hold => "        *out = self->last;\n".to_owned(),
+        Fallback::Zero => "        (void)memset(out, 0, sizeof *out);\n".to_owned(),
+        Fallback::Manual => by_hand(structs),
+    };
+    let inputs = if structs.inputs.is_empty() { "" } else { "const §_inputs *in, " };
+    format!(
+        "§_status §_step(§ *self, {inputs}§_outputs *out)\n{{\n    §_status status;\n    §_outputs given;\n    if (self->ready != \
+         READY) {{\n        (void)memset(out, 0, sizeof *out);\n        return §_REFUSED | §_NOT_INITIALISED;\n    }}\n    \
+         (void)memset(&given, 0, sizeof given);\n{{\n{locals}{status}    if ((status & §_REFUSED) == 0) {{\n{taken}    }} else {{\n{fallback}        \
+         self->refused += self->refused < UINT32_MAX ? 1 : 0;\n    }}\n}}\n    return status;\n}}\n\n"
+    )
+}
+
+/// The control by hand as outputs.
+fn by_hand(structs: &Structs) -> String {
+    let manual: Vec<&String> = structs.manual.reals().map(|(access, _)| access).collect();
+    let line = |(k, (to, _)): (usize, (&String, usize))| {
+        let from = manual.get(k).map_or("R(0.0)".to_owned(), |from| format!("self->manual.{from}"));
+        format!("        out->{to} = {from};\n")
+    };
+    structs.outputs.reals().enumerate().map(line).collect()
+}

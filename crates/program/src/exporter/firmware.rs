@@ -1,0 +1,28 @@
+//! Laws as C for targets.
+
+use std::path::{Path, PathBuf};
+
+use super::Source;
+use super::library::Library;
+use crate::error::Error;
+use crate::fmi2::firmware::Options;
+use crate::output::Files;
+
+/// Writes the controller of a description into a folder as C for a target, `NAME.h` and `NAME.c`; their paths.
+///
+/// # Errors
+/// For a description or options that are refused, or files that can't be written; nothing is left half.
+pub fn export_firmware(
+    source: &Source,
+    library: &Library,
+    options: &Options,
+    out: &Path,
+) -> Result<Vec<PathBuf>, Error> {
+    let files = library.firmware(source, options)?;
+    let mut written = Files::within(out, "")?;
+    for (name, text) in &files {
+        written.add(name, text)?;
+    }
+    written.place()?;
+    Ok(files.into_iter().map(|(name, _)| out.join(name)).collect())
+}

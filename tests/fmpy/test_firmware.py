@@ -1,0 +1,284 @@
+"""Laws as C for targets: what the FMU gives, what is refused, who is in command, and which gains may change."""
+
+import ctypes
+import math
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+import pytest
+from conftest import ROOT, adaptive_fmu
+from laws import PLANTS, WARNINGS, Law, Laws, built, kind
+from master import Fmu, Unit
+from sample import ALL, FMUS, NUMBER
+
+SUBSTEPS = 100
+
+
+LAWS = [name for name in FMUS if kind(name) not in PLANTS]
+
+
+@pytest.fixture(scope="module")
+def laws(tmp_path_factory: pytest.TempPathFactory) -> Laws:
+    return Laws(tmp_path_factory.mktemp("laws"), [])
+
+
+class Reference:
+    """The FMU of a law, with steps of the same length."""
+
+    def __init__(self, fmu: Fmu, law: Law, substeps: int = SUBSTEPS) -> None:
+        self.unit, self.period, self.steps = Unit(fmu, fmu.name), law.period, 0
+        if "integration_method" in fmu.variables:
+            self.unit["integration_method"] = "fixed"
+            self.unit["fixed_steps"] = substeps
+        if "sample_time" in fmu.variables and float(fmu.variables["sample_time"].start) == 0:
+            self.unit["sample_time"] = law.period
+        self.inputs = [n for n in fmu.named(causality="input", type="Real") if not n.startswith("u_manual")]
+        kept = lambda v: v.variability == "discrete"
+        self.outputs = [n for n in fmu.named(causality="output", type="Real") if not kept(fmu.variables[n])]
+
+    def step(self, inputs: list[float]) -> list[float]:
+        if self.steps == 0:
+            self.unit.start()
+        for name, value in zip(self.inputs, inputs, strict=True):
+            self.unit[name] = value
+        time = self.steps * self.period
+        self.steps += 1
+        self.unit.slave.doStep(time, self.steps * self.period - time)
+        return [self.unit[name] for name in self.outputs]
+
+
+def signals(fmu: Fmu, names: list[str], random: Random) -> Callable[[float], list[float]]:
+    """Smooth inputs about their starts."""
+    drawn = [(float(fmu.variables[n].start), *(random.uniform(*of) for of in [(0, 0.04), (0.5, 3), (-3, 3)])) for n in names]
+    return lambda t: [start + size * math.sin(frequency * t + phase) for start, size, frequency, phase in drawn]
+
+
+def assert_same(found: list[float], expected: list[float], what: object, digits: float = 1e-11) -> None:
+    for one, other in zip(found, expected, strict=True):
+        assert abs(one - other) <= digits * max(1.0, abs(other)), (what, found, expected)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_gives_what_its_fmu_gives_with_the_same_steps(name: str, laws: Laws, fmu) -> None:
+    law = Law(laws.firmware(name, SUBSTEPS), name)
+    reference = Reference(fmu(name), law)
+    drawn = signals(fmu(name), reference.inputs, Random(f"{name} {NUMBER}"))
+    for k in range(60):
+        inputs = drawn(k * law.period)
+        status, given = law.step(inputs)
+        assert status & law.bits["REFUSED"] == 0, (k, status)
+        assert_same(given, reference.step(inputs), k)
+    reference.unit.free()
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_no_input_that_is_no_number_changes_anything(name: str, laws: Laws, fmu) -> None:
+    law = Law(laws.firmware(name, SUBSTEPS), name)
+    inputs = Reference(fmu(name), law).inputs
+    drawn = signals(fmu(name), inputs, Random(f"{name} {NUMBER}"))
+    law.c.law_forget()
+    status, given = law.step(drawn(0.0))
+    assert status == law.bits["REFUSED"] | law.bits["NOT_INITIALISED"] and set(given) == {0.0}
+    law.c.law_init()
+    for k in range(3):
+        _, taken = law.step(drawn(k * law.period))
+    for place in range(len(inputs)):
+        for bad in (math.nan, math.inf, -math.inf):
+            before, refused = law.state(), law.c.law_refused()
+            wrong = drawn(0.0)
+            wrong[place] = bad
+            status, given = law.step(wrong)
+            assert status == law.bits["REFUSED"] | law.bits["BAD_INPUT"] and given == taken, inputs[place]
+            assert law.c.law_refused() == refused + 1
+            changed = [k for k, (one, other) in enumerate(zip(before, law.state(), strict=True)) if one != other]
+            # The counter alone.
+            assert 1 <= len(changed) <= 2 and max(changed) - min(changed) < 4, (inputs[place], changed)
+    untroubled = Law(laws.firmware(name, SUBSTEPS), name)
+    for k in range(3):
+        untroubled.step(drawn(k * law.period))
+    assert law.step(drawn(1.0)) == untroubled.step(drawn(1.0)), "it goes on as if nothing had been"
+
+
+def test_a_refused_step_gives_what_the_export_says(laws: Laws) -> None:
+    name = "L1TwoLinkRobot"
+    inputs = [0.1, -0.1, 0.0, 0.05, 0.0, 0.0]
+    given = {}
+    for fallback in ("hold", "zero", "manual"):
+        law = Law(laws.firmware(name, SUBSTEPS, "--fallback", fallback), name)
+        law.c.law_enable(1, law.numbers("manual", [3.0, -4.0]))
+        _, taken = law.step(inputs)
+        status, given[fallback] = law.step([math.nan, *inputs[1:]])
+        assert status & law.bits["REFUSED"], fallback
+        assert given[fallback] == {"hold": taken, "zero": [0.0, 0.0], "manual": [3.0, -4.0]}[fallback]
+    assert given["hold"] != [0.0, 0.0]
+
+
+@pytest.mark.parametrize("name", ["L1TwoLinkRobot", "L1SampledTwoLinkRobot", "PidNonlinearSiso", "LadrcNonlinearSiso"])
+def test_a_person_hands_over_without_a_jump_as_in_the_fmu(name: str, laws: Laws, fmu) -> None:
+    law = Law(laws.firmware(name, SUBSTEPS), name)
+    reference = Reference(fmu(name), law)
+    drawn = signals(fmu(name), reference.inputs, Random(f"{name} {NUMBER}"))
+    by_hand = [0.5 + k for k in range(law.members["manual"]["u_manual"])]
+    names = [n for n in fmu(name).named(causality="input") if n.startswith("u_manual")]
+    for k in range(30):
+        enabled = not 10 <= k < 20
+        law.c.law_enable(int(enabled), law.numbers("manual", by_hand))
+        reference.unit["enabled"] = enabled
+        for one, value in zip(names, by_hand, strict=True):
+            reference.unit[one] = value
+        inputs = drawn(k * law.period)
+        status, given = law.step(inputs)
+        assert status & law.bits["REFUSED"] == 0
+        assert_same(given, reference.step(inputs), k)
+        if 10 < k < 20:
+            assert given == by_hand
+    reference.unit.free()
+
+
+@pytest.mark.parametrize("name", ["L1TwoLinkRobot", "FuzzyL1ActuatedSiso", "MracPpfCoupledMimo", "PidNonlinearSiso"])
+def test_gains_change_while_a_law_runs_all_or_none(name: str, laws: Laws, fmu) -> None:
+    law = Law(laws.firmware(name, SUBSTEPS), name)
+    reference = Reference(fmu(name), law)
+    drawn = signals(fmu(name), reference.inputs, Random(f"{name} {NUMBER}"))
+    random = Random(f"gains {name} {NUMBER}")
+    members, values = law.members["parameters"], law.numbers("parameters")
+    law.c.law_defaults(values)
+    defaults = list(values)
+    places = {member: sum(list(members.values())[:k]) for k, member in enumerate(members)}
+    for member, place in places.items():
+        before, wrong = law.state(), law.numbers("parameters", defaults)
+        wrong[place] = math.nan
+        assert law.c.law_calibrate(wrong) > 0 and law.state() == before, member
+    # One that is no limit and no size of an event.
+    gain = {"L1TwoLinkRobot": "adaptation_gain", "FuzzyL1ActuatedSiso": "adaptation_gain"}.get(name, "gamma_1")
+    gain = "K_p" if name == "PidNonlinearSiso" else gain
+    for k in range(30):
+        if k == 10:
+            factor = random.uniform(0.5, 0.9)
+            changed = law.numbers("parameters", defaults)
+            for at in range(places[gain], places[gain] + members[gain]):
+                changed[at] *= factor
+            assert law.c.law_calibrate(changed) == 0
+            for one in fmu(name).named(causality="parameter"):
+                if one.split("[")[0] == gain:
+                    reference.unit[one] = float(fmu(name).variables[one].start) * factor
+        inputs = drawn(k * law.period)
+        status, given = law.step(inputs)
+        assert status & law.bits["REFUSED"] == 0
+        assert_same(given, reference.step(inputs), k)
+    reference.unit.free()
+
+
+POKED = """
+void law_run_for(double seconds);
+void law_run_for(double seconds)
+{
+    law.steps = (uint64_t)(seconds / NAME_PERIOD + 0.5);
+    law.d.samples = law.steps;
+}
+double law_samples(void);
+double law_samples(void) { return (double)law.d.samples; }
+"""
+
+
+@pytest.mark.parametrize("since", [0.0, 365 * 86400.0])
+def test_no_sample_is_lost_in_float_after_any_time(since: float, laws: Laws, fmu) -> None:
+    name, steps = "MracPpfCoupledMimo", 10_000_000 if ALL else 200_000
+    folder = laws.firmware(name, 1)
+    law = Law(folder, name, f"-D{name}_FLOAT", further=POKED)
+    law.c.law_run_for.argtypes, law.c.law_samples.restype = [ctypes.c_double], ctypes.c_double
+    inputs = law.numbers("inputs", [float(fmu(name).variables[n].start) for n in Reference(fmu(name), law).inputs])
+    out = law.numbers("outputs")
+    law.c.law_step(inputs, out)
+    law.c.law_run_for(since)
+    before = law.c.law_samples()
+    for _ in range(steps):
+        assert law.c.law_step(inputs, out) & law.bits["REFUSED"] == 0
+    assert law.c.law_samples() - before == steps
+
+
+MAIN = """
+#include "L1TwoLinkRobot.h"
+#include "PidNonlinearSiso.h"
+int main()
+{
+    static L1TwoLinkRobot one;
+    static PidNonlinearSiso other;
+    L1TwoLinkRobot_inputs in_one = L1TwoLinkRobot_inputs();
+    PidNonlinearSiso_inputs in_other = PidNonlinearSiso_inputs();
+    L1TwoLinkRobot_outputs out_one;
+    PidNonlinearSiso_outputs out_other;
+    L1TwoLinkRobot_init(&one);
+    PidNonlinearSiso_init(&other);
+    unsigned status = L1TwoLinkRobot_step(&one, &in_one, &out_one);
+    status |= PidNonlinearSiso_step(&other, &in_other, &out_other);
+    return status & L1TwoLinkRobot_REFUSED ? 1 : 0;
+}
+"""
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="there is no g++")
+def test_several_laws_are_in_one_program_of_cpp(laws: Laws, tmp_path: Path) -> None:
+    objects = []
+    for name in ("L1TwoLinkRobot", "PidNonlinearSiso"):
+        folder = laws.firmware(name, 10)
+        # C++ compilers take the C itself, too.
+        built("g++", "-std=c++17", "-Wall", "-Wextra", "-O1", "-x", "c++", "-c", folder / f"{name}.c", "-o", tmp_path / "cpp.o")
+        built("gcc", "-std=c99", "-O1", "-c", folder / f"{name}.c", "-o", tmp_path / f"{name}.o")
+        objects += [tmp_path / f"{name}.o", f"-I{folder}"]
+    (tmp_path / "main.cpp").write_text(MAIN)
+    built("g++", "-std=c++17", "-Wall", "-Wextra", "-pedantic", tmp_path / "main.cpp", *objects, "-lm", "-o", tmp_path / "main")
+    assert subprocess.run([tmp_path / "main"], check=False).returncode == 0
+
+
+def test_what_does_not_fit_is_refused_with_what_does(tmp_path: Path) -> None:
+    def refused(*words: str) -> str:
+        answer = adaptive_fmu("export", "--firmware", *words, "--out", tmp_path / "none")
+        assert answer.returncode == 1 and not (tmp_path / "none").exists(), answer
+        return answer.stderr
+
+    assert re.search(
+        "calibrate.*`Q`.*must be a parameter that can change.*adaptation_gain", refused("L1TwoLinkRobot", "--calibrate", "Q")
+    )
+    assert re.search(r"period = 0\.003.*sample time, 0\.005 s", refused("L1SampledTwoLinkRobot", "--period", "0.003"))
+    assert "substeps = 0" in refused("L1TwoLinkRobot", "--substeps", "0")
+    assert "no manual control" in refused("ObserverTwoLinkRobot", "--fallback", "manual")
+    assert "fallback" in refused("L1TwoLinkRobot", "--fallback", "stop")
+
+
+def test_a_sampled_law_is_called_several_times_a_sample(laws: Laws, tmp_path: Path) -> None:
+    name, inputs = "L1SampledTwoLinkRobot", [0.1, -0.1, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0]
+    law = Law(laws.firmware(name, 1, "--period", "0.001"), name)
+    given = [law.step(inputs)[1] for _ in range(20)]
+    changes = [k for k in range(1, 20) if given[k] != given[k - 1]]
+    assert changes and all((k + 1) % 5 == 0 for k in changes), changes
+
+
+def test_constants_take_no_memory(laws: Laws) -> None:
+    size = lambda *options: Law(laws.firmware("L1TwoLinkRobot", 10, *options), "L1TwoLinkRobot").c.law_size()
+    all_of_them, one, none = size(), size("--calibrate", "adaptation_gain"), size("--calibrate", "")
+    assert none + 8 <= one < all_of_them
+    # Its 14 states, the control by hand and the last one, what the step flags look at: no more than three times the states.
+    assert none <= 3 * 14 * 8
+
+
+def test_the_program_of_the_page_is_compiled(laws: Laws, tmp_path: Path) -> None:
+    page = (ROOT / "docs/firmware.md").read_text()
+    (tmp_path / "main.c").write_text(page.split("```c\n")[1].split("```")[0])
+    folder = laws.firmware("L1SampledTwoLinkRobot", 1)
+    built("gcc", *WARNINGS, f"-I{folder}", "-c", tmp_path / "main.c", "-o", tmp_path / "main.o")
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_compilers_and_checkers_find_nothing(name: str, laws: Laws, tmp_path: Path) -> None:
+    file = laws.firmware(name, SUBSTEPS) / f"{name}.c"
+    for compiler in filter(shutil.which, ("gcc", "clang")):
+        for defines in ([], [f"-D{name}_FLOAT"]):
+            built(compiler, *WARNINGS, *defines, "-c", file, "-o", tmp_path / "law.o")
+    if shutil.which("cppcheck"):
+        options = ["--std=c99", "--quiet", "--enable=warning,portability,performance", "--error-exitcode=1"]
+        built("cppcheck", *options, file)
