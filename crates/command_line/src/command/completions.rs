@@ -30,6 +30,7 @@ const NAMED: [(&str, &str, Names); 12] = [
     ("export", "composite", Names::Loops),
     ("export", "ssp", Names::Loops),
     ("export", "run", Names::Loops),
+    ("export", "in_loop", Names::Loops),
     ("check", "name", Names::Fmus),
     ("simulate", "name", Names::Both),
     ("linearise", "name", Names::Both),

@@ -17,7 +17,7 @@ const SUMMARIES: [(&str, &str); 12] = [
     ("new", "name plant data states inputs outputs bandwidth reference uncertainty out force"),
     ("run", "all again out tag step until case set event composite open"),
     ("explore", "step until case set event composite open no-open out for port"),
-    ("export", "all out ssp composite without values source compile platforms terminals json"),
+    ("export", "all out ssp composite without values source compile platforms firmware json"),
     ("identify", "inputs states outputs structure delay hold-out fmu free page out force"),
     ("simulate", "input set event record until step interface tolerance compare out open"),
     ("compare", "out step until order case set event composite fmus open json"),
