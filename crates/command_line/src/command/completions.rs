@@ -20,7 +20,7 @@ enum Names {
 const BY_PLACE: [&str; 3] = ["name", "names", "runs"];
 
 /// Arguments that name what this package holds: command, argument, names.
-const NAMED: [(&str, &str, Names); 12] = [
+const NAMED: [(&str, &str, Names); 13] = [
     ("run", "name", Names::Loops),
     ("compare", "runs", Names::Loops),
     ("sweep", "name", Names::Loops),
