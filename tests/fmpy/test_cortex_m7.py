@@ -203,3 +203,22 @@ def test_whole_units_are_compiled_for_the_target_without_a_warning(row, laws, tm
     flash, memory = sizes(made)
     assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)
     assert not FORBIDDEN & {line.split()[-1] for line in output_of(SYMBOLS, made).splitlines()}
+
+
+def test_a_generated_law_takes_little_more_than_one_that_is_written_by_hand(laws, law_object, on_target, tmp_path) -> None:
+    name, by_hand = "L1TwoLinkRobot", BOARD / "by_hand"
+    own = tmp_path / "own.o"
+    built(COMPILER, *WARNINGS, *MACHINE, *SAME_BITS, "-c", by_hand / "L1ByHand.c", "-o", own)
+    (tmp_path / "recorded.h").write_text(header("L1ByHand", inputs_of(laws, name), 2))
+    written, generated = emulated(program(by_hand, own, tmp_path)), on_target(name, 10)
+    np.testing.assert_allclose(generated.outputs, written.outputs, rtol=1e-12)
+    assert generated.instructions.mean() <= 1.15 * written.instructions.mean()
+    (tmp_path / "by_hand.c").write_text('#include "L1ByHand.h"\n\nL1ByHand controller;\n')
+    (tmp_path / "generated.c").write_text(f'#include "{name}.h"\n\n{name} controller;\n')
+    memory = {}
+    for which, law in (("by_hand", own), ("generated", law_object(name, 10))):
+        flags = [*MACHINE, f"-I{by_hand}", f"-I{laws.firmware(name, 10)}", "-r", "-nostdlib"]
+        built(COMPILER, *flags, tmp_path / f"{which}.c", law, "-o", tmp_path / f"{which}.o")
+        memory[which] = np.array(sizes(tmp_path / f"{which}.o"))
+    # Straight lines take more flash memory than loops.
+    assert np.all(memory["generated"] <= [3.1, 1.1] * memory["by_hand"]), memory
