@@ -282,3 +282,31 @@ def test_compilers_and_checkers_find_nothing(name: str, laws: Laws, tmp_path: Pa
     if shutil.which("cppcheck"):
         options = ["--std=c99", "--quiet", "--enable=warning,portability,performance", "--error-exitcode=1"]
         built("cppcheck", *options, file)
+
+
+@pytest.mark.parametrize("name", ["L1Quadrotor", "L1TwoLinkRobot"])
+def test_the_number_of_steps_is_the_one_that_its_loop_needs(name: str, laws: Laws, tmp_path: Path) -> None:
+    exported = adaptive_fmu("export", "--firmware", name, "--out", tmp_path)
+    assert exported.returncode == 0, exported.stderr
+    found = int(re.search(rf"{name}: (\d+) Runge-Kutta steps", exported.stderr)[1])
+    assert Law(tmp_path, name).header.count(f"_SUBSTEPS {found}\n") == 1
+    loop = {"L1Quadrotor": "3.3.2-case1", "L1TwoLinkRobot": "3.3.1-case1"}[name]
+    laws.names.append(name)
+    laws.__post_init__()
+    inputs = laws.inputs(name, loop, 1000)
+    few, many = laws.outputs(name, found, inputs), laws.outputs(name, 4 * found, inputs)
+    assert abs(few - many).max() <= 1e-2 * abs(many).max()
+
+
+def test_without_a_loop_the_number_of_steps_is_asked_for(tmp_path: Path) -> None:
+    def exported(*words: str) -> tuple[int, str]:
+        answer = adaptive_fmu("export", "--firmware", *words, "--out", tmp_path)
+        return answer.returncode, answer.stderr
+
+    code, told = exported("PidNonlinearSiso")
+    assert code == 1 and "--loop LOOP" in told and "--substeps N" in told
+    code, told = exported("PidNonlinearSiso", "--loop", "3.2.1-cosine")
+    assert code == 1 and "3.2.1-cosine has no component of PidNonlinearSiso" in told
+    assert exported("PidNonlinearSiso", "--substeps", "1") == (0, "")
+    # Nothing of it is integrated.
+    assert exported("L1SampledTwoLinkRobot") == (0, "")

@@ -163,7 +163,7 @@ impl Arguments {
                 Some(values) => with_values(source, values, library)?,
                 None => source,
             };
-            let substeps = self.substeps.map_or_else(|| self.found_substeps(&source), Ok)?;
+            let substeps = self.substeps.map_or_else(|| self.found_substeps(&source, library), Ok)?;
             let options = Options { period: self.period, substeps, fallback, calibrate: calibrate.clone() };
             files.extend(exporter::export_firmware(&source, library, &options, &self.out)?);
         }
@@ -176,7 +176,11 @@ impl Arguments {
     }
 
     /// As many Runge-Kutta steps as a law needs in its loop.
-    fn found_substeps(&self, source: &Source) -> Result<u32, Error> {
+    fn found_substeps(&self, source: &Source, library: &Library) -> Result<u32, Error> {
+        let described = library.describe(Some(source))?.unit;
+        if described.is_some_and(|unit| !unit.model_description.contains("\"integration_method\"")) {
+            return Ok(1);
+        }
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
         let described = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
         let (name, step) = (&described.name, self.period.unwrap_or(described.experiment.step));
