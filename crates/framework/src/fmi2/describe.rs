@@ -1,4 +1,4 @@
-//! What a library says of itself to the exporter: the XML comes from the very library that is packed, so a stale
+//! A library's description of itself for the exporter: the XML comes from the very library that is packed, so a stale
 //! library can't meet a new description.
 
 use serde::{Deserialize, Serialize};
@@ -59,7 +59,7 @@ pub struct SourceUnit {
 pub struct FirmwareRequest {
     /// The description's text.
     pub description: String,
-    /// How the law is exported.
+    /// How it is exported.
     pub options: firmware::Options,
 }
 
@@ -126,7 +126,7 @@ pub fn source(description: Option<&str>, library: Library) -> String {
     made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Source(Box::new(made))))
 }
 
-/// The reply, as JSON, to a [`FirmwareRequest`]: the law as C for a target.
+/// The reply, as JSON, to a [`FirmwareRequest`]: the controller as C for a target.
 pub fn firmware(request: Option<&str>, library: Library) -> String {
     let made = || -> Result<[(String, String); 2], Invalid> {
         let request: FirmwareRequest = serde_json::from_str(request.unwrap_or_default()).map_err(Invalid::because)?;
@@ -144,7 +144,7 @@ pub fn kernel(made: Result<Functions, Invalid>) -> String {
     made.map_or_else(|invalid| failure(&invalid.to_string()), |functions| write(&Reply::Kernel(Box::new(functions))))
 }
 
-/// A reply that tells of a failure.
+/// A reply for a failure.
 pub fn failure(reason: &str) -> String {
     write(&Reply::Failure(reason.to_owned()))
 }

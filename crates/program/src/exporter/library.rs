@@ -38,7 +38,7 @@ pub struct Library {
 /// A question, and the text of the description that it is about; none where it is about the library itself.
 type Asked = (&'static [u8], Option<String>);
 
-/// So many replies are kept.
+/// So many replies are cached.
 const MOST_REPLIES: usize = 128;
 /// The question what an FMU of a description is.
 const DESCRIBE: &[u8] = b"adaptive_fmu_describe";
@@ -94,10 +94,10 @@ impl Library {
         Library::open(&found)
     }
 
-    /// With what lies beside this program of the same sources for other platforms, and for older systems of this one.
+    /// With the libraries next to this program of the same sources for other platforms, and for older systems of this one.
     ///
     /// # Errors
-    /// When the program's place can't be told.
+    /// When the program's place isn't known.
     pub fn with_other_platforms(mut self) -> Result<Self, Error> {
         for binary in binaries::beside(&program_folder()?) {
             let taken = self.binaries.take(binary);
@@ -137,7 +137,7 @@ impl Library {
         self.binaries.add(other)
     }
 
-    /// What lay beside the program, but doesn't go into FMUs, and why.
+    /// Files next to the program that don't go into FMUs, and why.
     pub fn left_out(&self) -> &[String] {
         &self.left_out
     }
@@ -152,7 +152,7 @@ impl Library {
         &self.binaries
     }
 
-    /// What it says of itself, and of the FMU of a description.
+    /// Its description of itself, and of the FMU of a description.
     ///
     /// # Errors
     /// What it refuses, with the description's file; or when it isn't a library of this kind and version.
@@ -175,10 +175,10 @@ impl Library {
         describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
-    /// The law of a description as C for a target: NAME.h and NAME.c.
+    /// The controller of a description as C for a target: NAME.h and NAME.c.
     ///
     /// # Errors
-    /// As [`Library::source`], and for options that don't fit the law; for a library of an older version, which knows no firmware.
+    /// As [`Library::source`], and for options that don't fit; for a library of an older version, which knows no firmware.
     pub fn firmware(&self, description: &Source, options: &Options) -> Result<[(String, String); 2], Error> {
         let refuse = |reason: String| refused(description, &reason);
         let request = FirmwareRequest { description: description.text.clone(), options: options.clone() };
@@ -259,8 +259,8 @@ pub fn own_library() -> Option<PathBuf> {
     found.clone()
 }
 
-/// Cargo leaves it in `deps`, an archive or a wheel beside the program; else it is unpacked of the program. The copy that
-/// cargo puts beside the program may be of an earlier build.
+/// Cargo leaves it in `deps`, an archive or a wheel next to the program; else it is unpacked of the program. The copy that
+/// cargo puts next to the program may be of an earlier build.
 fn find_own_library() -> Option<PathBuf> {
     let folder = program_folder().ok()?;
     let own = Platform::own();
