@@ -83,7 +83,7 @@ impl Members {
             is_real: variable.is_real(),
             is_boolean: matches!(variable.data, crate::system::Data::Boolean { .. }),
             units: elements.iter().map(|element| element.unit()).collect(),
-            description: variable.description.first().cloned().unwrap_or_default(),
+            description: described(elements),
         });
     }
 
@@ -165,6 +165,17 @@ impl Member {
             format!("    {}\n", text.replace('@', &self.name))
         }
     }
+}
+
+/// The description of elements: one text, or one each.
+fn described(elements: &[Element]) -> String {
+    let of = |element: &Element| {
+        let texts = &element.variable.description;
+        texts.get(element.offset).or_else(|| texts.first()).cloned().unwrap_or_default()
+    };
+    let mut texts: Vec<String> = elements.iter().map(of).collect();
+    texts.dedup();
+    texts.join(" | ")
 }
 
 /// A text in a comment, in characters that every compiler reads.
