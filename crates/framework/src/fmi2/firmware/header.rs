@@ -108,7 +108,7 @@ fn state(structs: &Structs, driver: &Driver) -> String {
         }
     };
     member(!structs.states.is_empty(), "§_states x;");
-    member(driver.has_discrete, "§_held d;");
+    member(driver.has_discrete, "§_discrete d;");
     member(!structs.parameters.is_empty(), "§_parameters p;");
     member(!structs.prepared.is_empty(), "§_prepared r;");
     member(!structs.manual.is_empty(), "§_manual manual;");
