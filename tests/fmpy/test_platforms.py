@@ -49,7 +49,7 @@ def glibc(library: Path) -> tuple[int, ...]:
 
 def test_the_library_exports_the_functions_of_the_standard_and_those_that_describe_it(library: Path) -> None:
     symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
-    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "kernel_functions", "take_kernel", "has_kernel")}
+    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "firmware", "kernel_functions", "take_kernel", "has_kernel")}
     assert symbols == {f"fmi2{name}" for name in STANDARD} | own
 
 
@@ -284,9 +284,12 @@ def test_an_archive_closes_a_loop_without_rust(unpacked: Path) -> None:
 
 
 def test_an_archive_holds_what_its_checksums_and_licences_say(unpacked: Path) -> None:
-    assert "FAILED" not in subprocess.run(
-        ["sha256sum", "--check", "SHA256SUMS"], cwd=unpacked, capture_output=True, text=True, check=True
-    ).stdout
+    assert (
+        "FAILED"
+        not in subprocess.run(
+            ["sha256sum", "--check", "SHA256SUMS"], cwd=unpacked, capture_output=True, text=True, check=True
+        ).stdout
+    )
     table = (unpacked / "licences" / "PACKAGES.txt").read_text()
     locked = (ROOT / "Cargo.lock").read_text()
     for package in ("nalgebra", "num-traits", "toml", "zip", "clap"):

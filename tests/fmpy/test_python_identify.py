@@ -72,7 +72,7 @@ def test_records_in_any_form_give_the_bits_that_their_files_give(tmp_path: Path)
         assert own == of if "path" in form else own == of | {"file": "data", "sha256": own["sha256"]}, form
     # Rows count from 0, as in the table; the file has a line of names.
     texts = list(adaptive_fmu.identify(table, **NAMES).findings["text"])
-    assert [text.split(":")[1] for text in texts] == [" row 200", " row 100, 101"], texts
+    assert [text.split(":")[1] for text in texts if text.startswith("data:")] == [" row 200", " row 100, 101"], texts
     assert adaptive_fmu.identify(forms["path"], **NAMES).findings["text"][1].startswith("record.csv: line 102, 103:")
 
 
@@ -86,7 +86,9 @@ def test_the_time_has_a_name_and_a_unit(tmp_path: Path) -> None:
         assert numbers(adaptive_fmu.identify(data, **NAMES)) == numbers(expected)
     named = adaptive_fmu.identify(milliseconds.rename_axis("t [ms]"), **NAMES, time="t")
     assert numbers(named) == numbers(expected)
-    assert numbers(adaptive_fmu.identify(table.rename_axis("t"), **NAMES, time="t")) == numbers(adaptive_fmu.identify(table, **NAMES))
+    assert numbers(adaptive_fmu.identify(table.rename_axis("t"), **NAMES, time="t")) == numbers(
+        adaptive_fmu.identify(table, **NAMES)
+    )
 
 
 def test_several_records_are_those_of_the_command(tmp_path: Path) -> None:
@@ -297,7 +299,9 @@ def test_a_picture_shows_all_of_it_whatever_the_size(n: int, m: int) -> None:
         x[k + 1] = whole[:n, :n] @ x[k] + whole[:n, n:] @ u[k]
     x += 0.02 * x.std(axis=0) * rng.standard_normal(x.shape)
     inputs, states = [f"drive_{j}_voltage" for j in range(m)], [f"joint_{i}_angular_velocity" for i in range(n)]
-    found = adaptive_fmu.identify(pd.DataFrame(np.hstack([u, x]), columns=inputs + states, index=0.02 * np.arange(rows)), inputs, states)
+    found = adaptive_fmu.identify(
+        pd.DataFrame(np.hstack([u, x]), columns=inputs + states, index=0.02 * np.arange(rows)), inputs, states
+    )
     figure = found.plot()
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -311,7 +315,9 @@ def test_a_picture_shows_all_of_it_whatever_the_size(n: int, m: int) -> None:
             "numbers": [text for text in axes.texts if text.get_text()],
         }
         extents = {kind: [text.get_window_extent(drawn) for text in texts] for kind, texts in boxes.items()}
-        others = [text.get_window_extent(drawn) for text in (axes.xaxis.label, axes.yaxis.label, axes._left_title) if text.get_text()]
+        others = [
+            text.get_window_extent(drawn) for text in (axes.xaxis.label, axes.yaxis.label, axes._left_title) if text.get_text()
+        ]
         for box in [*others, *(box for kind in extents.values() for box in kind)]:
             assert box.x0 >= -1 and box.y0 >= -1 and box.x1 <= sheet.x1 + 1 and box.y1 <= sheet.y1 + 1, (n, box)
         assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in extents["numbers"]), n
@@ -319,7 +325,9 @@ def test_a_picture_shows_all_of_it_whatever_the_size(n: int, m: int) -> None:
             for one, other in pairwise(of_kind):
                 assert not one.padded(-1).overlaps(other.padded(-1)), (n, axes.get_title(loc="left"), kind)
     legend = fits.get_legend().get_window_extent(drawn)
-    assert not any(legend.overlaps(frame) for frame in frames) and not legend.padded(-1).overlaps(fits._left_title.get_window_extent(drawn))
+    assert not any(legend.overlaps(frame) for frame in frames) and not legend.padded(-1).overlaps(
+        fits._left_title.get_window_extent(drawn)
+    )
     # Each fit and each error has its bar and number, each pole and its errors lie within the limits.
     assert len(fits.texts) == 3 * n and len(errors.texts) == len(found.entries)
     shares = 100 * found.errors / found.entries["value"].abs()
@@ -327,7 +335,9 @@ def test_a_picture_shows_all_of_it_whatever_the_size(n: int, m: int) -> None:
     assert errors.get_xlim()[0] < shares.min() and shares.max() < errors.get_xlim()[1]
     (left, right), (below, above) = poles.get_xlim(), poles.get_ylim()
     for pole, along, across in found.poles.itertuples(index=False):
-        assert left < pole.real - along and pole.real + along < right and below < pole.imag - across and pole.imag + across < above
+        assert (
+            left < pole.real - along and pole.real + along < right and below < pole.imag - across and pole.imag + across < above
+        )
 
 
 def test_new_warns_of_a_region_and_of_experiments(tmp_path: Path) -> None:

@@ -3,11 +3,12 @@
 use std::collections::HashSet;
 use std::marker::PhantomData;
 
+use super::clock::SamplingClock;
 use super::spec::{DiscreteSpec, Many, Shape, Spec, boolean, vector};
 use super::values::{
     BooleanOf, Choice, ChoiceOf, Class, DifferenceOf, Handle, IntegerOf, Offsets, ScalarOf, Span, VectorOf, class,
 };
-use super::variable::{Causality, Data, Naming, SamplingClock, Section, Shown, Variability, Variable, Variables};
+use super::variable::{Causality, Data, Naming, Section, Shown, Variability, Variable, Variables};
 use crate::error::Invalid;
 
 /// The handle that belongs to a discrete value's type.
@@ -478,5 +479,13 @@ impl Declaration {
                 self.problems.and(Invalid::new(format!("unit of `{name}`"), unit, "can't be the text of a unit"));
             }
         }
+    }
+}
+
+impl Variables {
+    /// The clocks of sampled laws, by places among all reals.
+    pub fn clocks(&self) -> impl Iterator<Item = SamplingClock<usize>> + '_ {
+        let first = self.reals(Section::Discrete).start;
+        self.clocks.iter().map(move |clock| clock.map(|place| first + place))
     }
 }

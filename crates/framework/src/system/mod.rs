@@ -98,6 +98,7 @@
 //! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
 //! copying its block, and many instances share a thread.
 
+mod clock;
 mod composite;
 mod declaration;
 mod erased;
@@ -111,6 +112,7 @@ mod unit;
 mod values;
 mod variable;
 
+pub use clock::SamplingClock;
 pub use composite::Structure as CompositeStructure;
 pub use declaration::{Declarable, Declaration, DiscreteValue, Warning};
 pub use erased::{Compiled, DynSystem, Equations, Kind, Registry};
@@ -127,8 +129,7 @@ pub use values::{
     Rates, ScalarOf, Signals, Span, Values, VectorOf,
 };
 pub use variable::{
-    Causality, Data, Element, NO_LIMIT, Naming, SamplingClock, Section, Shown, TELLS_NO_LIMIT, Variability, Variable,
-    Variables,
+    Causality, Data, Element, NO_LIMIT, Naming, Section, Shown, TELLS_NO_LIMIT, Variability, Variable, Variables,
 };
 
 pub use values::class::{Derivative, Discrete, Input, Memory, Parameter, Prepared, Signal, State};

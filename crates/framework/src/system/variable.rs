@@ -8,6 +8,7 @@ use std::sync::OnceLock;
 use serde::Serialize;
 
 use super::Layout;
+use super::clock::SamplingClock;
 use super::values::Offsets;
 use crate::error::Invalid;
 
@@ -335,26 +336,6 @@ fn pick<T>(entries: &[T], index: usize) -> Option<&T> {
     if entries.len() == 1 { entries.first() } else { entries.get(index) }
 }
 
-/// The memory of a sampled law's clock: by handles, or by places.
-#[derive(Debug, Clone, Copy)]
-pub struct SamplingClock<T> {
-    /// From sample to sample, s; 0 where there is none.
-    pub period: T,
-    /// When it began, s.
-    pub start: T,
-    /// Samples that were taken.
-    pub count: T,
-    /// How far a master's points are from the samples by rounding, s.
-    pub shift: T,
-}
-
-impl<T> SamplingClock<T> {
-    /// The same by other means.
-    pub(crate) fn map<R>(self, to: impl Fn(T) -> R) -> SamplingClock<R> {
-        SamplingClock { period: to(self.period), start: to(self.start), count: to(self.count), shift: to(self.shift) }
-    }
-}
-
 /// All variables of a system.
 #[derive(Debug, Clone, Default)]
 pub struct Variables {
@@ -403,12 +384,6 @@ impl Variables {
             })
         };
         self.offsets = Offsets { real: running(&self.real_sizes), integer: running(&self.integer_sizes) };
-    }
-
-    /// The clocks of sampled laws, by places among all reals.
-    pub fn clocks(&self) -> impl Iterator<Item = SamplingClock<usize>> + '_ {
-        let first = self.reals(Section::Discrete).start;
-        self.clocks.iter().map(move |clock| clock.map(|place| first + place))
     }
 
     /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.
