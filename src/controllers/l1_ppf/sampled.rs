@@ -156,11 +156,13 @@ impl<S: Scalar> Ahead<S> {
         (at.z * self.rho + stiff * at.R * epsilon - self.e, at.dz * self.rho + stiff * (at.R + at.dR * epsilon))
     }
 
-    /// −K_ε R ε at the root of F: to the last bit nothing of an error in the middle of its bounds.
+    /// −K_ε R ε at the root of F.
     fn asked(&self) -> S {
         let zero = S::from(0.0);
-        let is_middle = self.residual(zero).0.equals(zero);
-        let epsilon = S::branch(is_middle, || zero, || root::of_increasing(|epsilon| self.residual(epsilon)));
+        // R is least in the middle of the bounds.
+        let least = self.h * self.K_epsilon * 2.0 / ((self.bounds.lower + self.bounds.upper) * self.rho);
+        let root = || root::of_increasing(|epsilon| self.residual(epsilon), least);
+        let epsilon = S::branch(self.K_epsilon.above(zero), root, || zero);
         -self.K_epsilon * self.bounds.at(epsilon, self.rho).R * epsilon
     }
 }

@@ -102,8 +102,8 @@ impl MracPpf {
     fn adapted<S: Scalar>(&self, i: usize, ahead: &Ahead<S>, epsilon: S, v: &Values<S>) -> S {
         let at = ahead.inverse(epsilon);
         let sigma = self.elements(i, v).fold(S::from(0.0), |sum, element| {
-            let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);
-            sum + sigma_hat * element.0
+            let (proportional, _) = ahead.proportional(epsilon, &at, element);
+            sum + (proportional + element.1) * element.0
         });
         at.z * ahead.performance.rate - self.estimated(i, v) - sigma - self.robust(i, epsilon, v)
     }
@@ -113,7 +113,7 @@ impl MracPpf {
         let (at, period) = (ahead.inverse(epsilon), v[self.samples.sampling.clock.period]);
         for j in 0..self.x.len() {
             let element = (v[self.psi][j], v[self.integral.at(j, i)]);
-            let (sigma_hat, _) = ahead.sigma_hat(epsilon, &at, element);
+            let sigma_hat = ahead.proportional(epsilon, &at, element).0 + element.1;
             let integral = self.integral_rate(i, j, (epsilon, at.R), sigma_hat, &v.values());
             v[self.theta_hat.at(j, i)] = self.theta_after(i, j, (epsilon, at.R), period, &v.values());
             v[self.integral.at(j, i)] += period * integral;
@@ -126,13 +126,13 @@ impl<S: Scalar> Ahead<S> {
         self.bounds.at(epsilon, self.performance.rho)
     }
 
-    /// σ̂ of an element at the end, from its ψ and I, and its derivative.
-    fn sigma_hat(&self, epsilon: S, at: &Transformed<S>, (psi, integral): (S, S)) -> (S, S) {
+    /// σ̂ − I of an element at the end, from its ψ and I, and its derivative.
+    fn proportional(&self, epsilon: S, at: &Transformed<S>, (psi, integral): (S, S)) -> (S, S) {
         let (gain, dgain) = ((at.R * self.h + self.beta) * self.gamma_2, at.dR * self.h * self.gamma_2);
         let leaking = gain * epsilon.abs() * self.upsilon + 1.0;
-        let sigma_hat = (gain * epsilon * psi + integral) / leaking;
-        let dleaking = (dgain * epsilon.abs() + gain * epsilon.signum()) * self.upsilon;
-        (sigma_hat, ((dgain * epsilon + gain) * psi - sigma_hat * dleaking) / leaking)
+        // Of ε without leakage, by its size.
+        let driven = psi - epsilon.signum() * self.upsilon * integral;
+        (gain * epsilon * driven / leaking, (dgain * epsilon + gain) * driven / (leaking * leaking))
     }
 
     /// F, and its derivative, from ψ and I of the channel.
@@ -141,8 +141,8 @@ impl<S: Scalar> Ahead<S> {
         let at = self.inverse(epsilon);
         let none = (S::from(0.0), S::from(0.0));
         let (sigma, dsigma) = elements.fold(none, |(sum, dsum), (psi, integral)| {
-            let (sigma_hat, dsigma_hat) = self.sigma_hat(epsilon, &at, (psi, integral));
-            (sum + (sigma_hat - integral) * psi, dsum + dsigma_hat * psi)
+            let (proportional, dproportional) = self.proportional(epsilon, &at, (psi, integral));
+            (sum + proportional * psi, dsum + dproportional * psi)
         });
         let sign = (epsilon / switching_width).tanh();
         let dswitched = (-sign * sign + 1.0) * alpha_bar / switching_width;
@@ -155,7 +155,7 @@ impl<S: Scalar> Ahead<S> {
 
     /// The root of F.
     fn root<E: Iterator<Item = (S, S)>>(&self, elements: impl Fn() -> E) -> S {
-        root::of_increasing(|epsilon| self.residual(epsilon, elements()))
+        root::of_increasing(|epsilon| self.residual(epsilon, elements()), self.h * self.K_epsilon)
     }
 }
 
@@ -190,13 +190,13 @@ mod tests {
             let functions = |at| {
                 let (ahead, elements) = channel(lower, upper);
                 let inverse = ahead.inverse(at);
-                let (sigma_hat, of_sigma_hat) = ahead.sigma_hat(at, &inverse, elements[0]);
+                let (proportional, of_proportional) = ahead.proportional(at, &inverse, elements[0]);
                 let (F, of_F) = ahead.residual(at, elements.into_iter());
-                [inverse.z, inverse.dz, inverse.R, inverse.dR, sigma_hat, of_sigma_hat, F, of_F]
+                [inverse.z, inverse.dz, inverse.R, inverse.dR, proportional, of_proportional, F, of_F]
             };
             for epsilon in EPSILONS {
                 let found = slopes(functions, epsilon);
-                for (pair, what) in found.chunks(2).zip(["z", "R", "sigma", "F"]) {
+                for (pair, what) in found.chunks(2).zip(["z", "R", "sigma_hat - I", "F"]) {
                     let [(value, exact), (slope, _)] = pair else { unreachable!() };
                     // Where a slope passes through zero, it is the difference of numbers as large as the value.
                     let size = slope.abs() + 1e-3 * value.abs();
@@ -227,5 +227,51 @@ mod tests {
             let [below, above] = around.map(|epsilon| ahead.residual(epsilon, elements.into_iter()).0);
             assert!(below <= 0.0 && above >= 0.0, "e = {e}: {root}, {below} … {above}");
         }
+    }
+
+    /// A channel as a careless user may have it, gains over decades, and its elements.
+    fn drawn(random: &mut fastrand::Rng) -> (Ahead<f64>, [(f64, f64); 2]) {
+        let mut between = |low: f64, high: f64| low * (high / low).powf(random.f64());
+        let side = if between(1.0, 4.0) < 2.0 { -1.0 } else { 1.0 };
+        let (upsilon, rho) = (between(1e-4, 10.0), between(1e-3, 1e3));
+        let ahead = Ahead {
+            h: between(1e-4, 1.0),
+            performance: Performance { rho, rate: -between(1e-3, 3.0) * rho, ..Performance::at(0.0, rho, rho, 0.0) },
+            bounds: Bounds { lower: between(0.03, 1.0), upper: between(0.03, 1.0) },
+            e: rho * between(1e-5, 10.0),
+            beta: between(1e-2, 1e2),
+            gamma_2: between(1e-1, 1e6),
+            upsilon,
+            alpha_bar: between(1e-2, 1e4),
+            switching_width: between(1e-5, 10.0),
+            K_epsilon: between(1e-4, 1e3),
+        };
+        let elements = [1.0, 2.0].map(|_| {
+            let psi = between(1e-2, 1e2);
+            (psi, between(1e-3, 1.0) * psi / upsilon)
+        });
+        let upsilon = if between(1.0, 4.0) < 1.5 { 0.0 } else { upsilon };
+        (Ahead { e: side * ahead.e, upsilon, ..ahead }, elements)
+    }
+
+    #[test]
+    fn the_root_takes_few_evaluations_whatever_the_gains_are() {
+        let mut random = fastrand::Rng::with_seed(50);
+        let mut most = 0;
+        for number in 0..20_000 {
+            let (ahead, elements) = drawn(&mut random);
+            let evaluations = std::cell::Cell::new(0);
+            let root = ahead.root(|| {
+                evaluations.set(evaluations.get() + 1);
+                elements.into_iter()
+            });
+            let width = 1e-9 * root.abs();
+            let [below, above] = [root - width, root + width].map(|at| ahead.residual(at, elements.into_iter()).0);
+            // Where F is nothing but rounding, its sign tells nothing.
+            let rounding = 1e-14 * (ahead.e.abs() + ahead.performance.rho);
+            assert!(below <= rounding && above >= -rounding, "{number}: {root} of {ahead:?}, {below} … {above}");
+            most = most.max(evaluations.get());
+        }
+        assert!((10..=23).contains(&most), "{most} evaluations");
     }
 }

@@ -17,8 +17,9 @@ const FEW_POLES: usize = 4;
 /// Of more states than these fewer plants are drawn.
 const FEW_STATES: usize = 8;
 const FEWEST: usize = 8;
-/// Halvings in the search for the largest bounds.
-const HALVINGS: usize = 7;
+/// The largest bounds are found to this part of them, with so many halvings at most.
+const ACCURACY: f64 = 0.01;
+const HALVINGS: usize = 14;
 /// The largest bounds, in parts of an entry, that are looked for.
 pub const LARGEST: f64 = 0.9;
 
@@ -62,23 +63,28 @@ impl Region {
         self.places.iter().all(|place| is_stable(plant, law, &parts, place, H))
     }
 
-    /// The share of the bounds, up to `most`, within which all are stable.
+    /// The share of the bounds, up to `most`, within which all are stable, and those to which the poles move most within it: the
+    /// worst directions of large bounds aren't those of small ones.
     pub fn largest_share(&self, plant: &Uncertain, law: &impl LinearLaw, H: f64, most: f64) -> f64 {
         let parts = law.parts().delayed(&plant.delays);
         largest(most, |share| {
             let scaled = plant.with_bounds_times(share);
-            self.places.iter().all(|place| is_stable(&scaled, law, &parts, place, H))
+            let are_stable = |places: &[Place]| places.iter().all(|place| is_stable(&scaled, law, &parts, place, H));
+            are_stable(&self.places) && (share == 1.0 || are_stable(&ascent(&scaled, law, &self.places)))
         })
     }
 }
 
-/// The largest share for which something holds that holds for smaller ones, to a percent.
+/// The largest share for which something holds that holds for smaller ones, to a percent of it.
 pub fn largest(most: f64, holds: impl Fn(f64) -> bool) -> f64 {
     if holds(most) {
         return most;
     }
     let (mut low, mut high) = (0.0, most);
     for _ in 0..HALVINGS {
+        if high - low <= ACCURACY * high {
+            break;
+        }
         let middle = 0.5 * (low + high);
         if holds(middle) { low = middle } else { high = middle }
     }
