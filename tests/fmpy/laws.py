@@ -33,9 +33,21 @@ def built(*command: str | Path) -> None:
 
 
 # Kinds that are no laws.
-PLANTS = (
-    ["actuated-siso", "actuator", "coupled-mimo", "excitation", "mares-auv", "nonlinear-siso", "quadrotor", "reference", "sensor", "state-space", "twin-rotor", "two-link-robot", "unmatched-mimo"]
-)
+PLANTS = [
+    "actuated-siso",
+    "actuator",
+    "coupled-mimo",
+    "excitation",
+    "mares-auv",
+    "nonlinear-siso",
+    "quadrotor",
+    "reference",
+    "sensor",
+    "state-space",
+    "twin-rotor",
+    "two-link-robot",
+    "unmatched-mimo",
+]
 
 
 def kind(name: str) -> str:
@@ -119,7 +131,7 @@ CALIBRATION = """
 void law_defaults(NAME_parameters *p) { *p = NAME_defaults; }
 int law_calibrate(const NAME_parameters *p) { return (int)NAME_calibrate(&law, p); }
 """
-BY_HAND = "void law_enable(int enabled, const NAME_manual *manual) { NAME_enable(&law, enabled != 0, manual); }\n"
+BY_HAND = "int law_enable(int enabled, const NAME_manual *manual) { return NAME_enable(&law, enabled != 0, manual); }\n"
 
 
 class Law:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from laws import SAME_BITS, WARNINGS, Laws, built, table
+from sample import NUMBER
 
 COMPILER, SIZES, SYMBOLS, EMULATOR = "arm-none-eabi-gcc", "arm-none-eabi-size", "arm-none-eabi-nm", "qemu-system-arm"
 
@@ -68,6 +69,7 @@ class Told:
     instructions: np.ndarray
     outputs: np.ndarray
     stack: int
+    refused: int
 
 
 def output_of(*command: str | Path) -> str:
@@ -119,15 +121,25 @@ def law_object(laws: Laws, tmp_path_factory: pytest.TempPathFactory) -> Callable
     return compiled
 
 
+def hostile(inputs: np.ndarray) -> np.ndarray:
+    """Inputs as no loop gives them: of any size and sign, at rest, and those of the loop with a fault in one."""
+    rng = np.random.default_rng([NUMBER, 50])
+    rows = rng.choice([-1.0, 1.0], (300, inputs.shape[1])) * 10 ** rng.uniform(-9, 6, (300, inputs.shape[1]))
+    faults = inputs[rng.integers(len(inputs), size=100)]
+    faults[np.arange(100), rng.integers(inputs.shape[1], size=100)] *= 10 ** rng.uniform(-9, 9, 100)
+    return np.concatenate([np.zeros((20, inputs.shape[1])), inputs[:20], faults, rows, np.zeros((20, inputs.shape[1]))])
+
+
 @pytest.fixture(scope="module")
-def on_target(laws: Laws, law_object, tmp_path_factory) -> Callable[[str, int], Told]:
-    """Runs a controller's law on the emulated target over its recorded inputs, once."""
+def on_target(laws: Laws, law_object, tmp_path_factory) -> Callable[..., Told]:
+    """Runs a controller's law on the emulated target over its recorded inputs, or hostile ones, once."""
 
     @functools.cache
-    def run(name: str, steps: int) -> Told:
+    def run(name: str, steps: int, are_hostile: bool = False) -> Told:
         made = tmp_path_factory.mktemp("target")
-        outputs = laws.outputs(name, steps, inputs_of(laws, name)[:1]).shape[1]
-        (made / "recorded.h").write_text(header(name, inputs_of(laws, name), outputs))
+        inputs = inputs_of(laws, name)
+        outputs = laws.outputs(name, steps, inputs[:1]).shape[1]
+        (made / "recorded.h").write_text(header(name, hostile(inputs) if are_hostile else inputs, outputs))
         return emulated(program(laws.firmware(name, steps), law_object(name, steps), made))
 
     return run
@@ -149,10 +161,10 @@ def emulated(made: Path) -> Told:
     # What a program tells comes out as QEMU's errors do.
     lines = [line.split() for line in run.stderr.splitlines()]
     steps = [words[1:] for words in lines if words[0] == "step"]
-    told = {words[0]: int(words[1], 16) for words in lines if words[0] in ("empty", "stack")}
+    told = {words[0]: int(words[1], 16) for words in lines if words[0] in ("refused", "empty", "stack")}
     ticks = np.array([int(words[0], 16) for words in steps])
     outputs = [[struct.unpack(">d", bytes.fromhex(bits))[0] for bits in words[1:]] for words in steps]
-    return Told(np.rint((ticks - told["empty"]) * TICK / 2**SHIFT), np.array(outputs), told["stack"])
+    return Told(np.rint((ticks - told["empty"]) * TICK / 2**SHIFT), np.array(outputs), told["stack"], told["refused"])
 
 
 def as_told(measured: float, cell: str) -> bool:
@@ -165,6 +177,7 @@ def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_targe
     inputs = inputs_of(laws, name)
     expected = laws.outputs(name, steps, inputs)
     found = on_target(name, steps).outputs
+    assert on_target(name, steps).refused == 0
     assert found.shape == expected.shape and np.ptp(found, axis=0).max() > 0
     # Functions of <math.h> may differ by a rounding: newlib's aren't those of the host.
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
@@ -173,11 +186,14 @@ def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_targe
 @each_law
 def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
     told = on_target(row["law"], number(row["substeps"]))
-    most, mean = told.instructions.max(), told.instructions.mean()
-    assert most <= number(row["a step, at most"]) <= 1.2 * most
+    mean = told.instructions.mean()
+    worst = on_target(row["law"], number(row["substeps"]), True)
+    most = max(told.instructions.max(), worst.instructions.max())
+    # Other inputs, other compilers.
+    assert most / OTHER_COMPILERS <= number(row["a step, at most"]) <= 1.4 * most
     assert as_told(mean, row["a step, mean"])
     assert as_told(mean / number(row["substeps"]), row["instructions a substep"])
-    assert told.stack <= OTHER_COMPILERS * number(row["stack"])
+    assert max(told.stack, worst.stack) <= OTHER_COMPILERS * number(row["stack"])
 
 
 @each_law
@@ -211,6 +227,7 @@ def test_a_generated_law_takes_little_more_than_one_that_is_written_by_hand(laws
     built(COMPILER, *WARNINGS, *MACHINE, *SAME_BITS, "-c", by_hand / "L1ByHand.c", "-o", own)
     (tmp_path / "recorded.h").write_text(header("L1ByHand", inputs_of(laws, name), 2))
     written, generated = emulated(program(by_hand, own, tmp_path)), on_target(name, 10)
+    assert written.refused == generated.refused == 0
     np.testing.assert_allclose(generated.outputs, written.outputs, rtol=1e-12)
     assert generated.instructions.mean() <= 1.15 * written.instructions.mean()
     (tmp_path / "by_hand.c").write_text('#include "L1ByHand.h"\n\nL1ByHand controller;\n')

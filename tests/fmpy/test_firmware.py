@@ -1,6 +1,7 @@
 """Laws as C for targets: what the FMU gives, what is refused, who is in command, and which gains may change."""
 
 import ctypes
+import json
 import math
 import re
 import shutil
@@ -10,7 +11,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from conftest import ROOT, adaptive_fmu
+from conftest import PROGRAM, ROOT, adaptive_fmu
 from laws import PLANTS, WARNINGS, Law, Laws, built, kind
 from master import Fmu, Unit
 from sample import ALL, FMUS, NUMBER
@@ -114,7 +115,26 @@ def test_a_refused_step_gives_what_the_export_says(laws: Laws) -> None:
         status, given[fallback] = law.step([math.nan, *inputs[1:]])
         assert status & law.bits["REFUSED"], fallback
         assert given[fallback] == {"hold": taken, "zero": [0.0, 0.0], "manual": [3.0, -4.0]}[fallback]
+        # A manual control that is no number changes nothing.
+        before = law.state()
+        assert not law.c.law_enable(0, law.numbers("manual", [math.nan, 0.0])) and law.state() == before
     assert given["hold"] != [0.0, 0.0]
+
+
+def test_a_manual_control_keeps_to_the_limits_where_a_step_is_refused(laws: Laws) -> None:
+    name = "L1TwoLinkRobot"
+    for options in ([], ["--calibrate", "adaptation_gain"]):
+        law = Law(laws.firmware(name, SUBSTEPS, "--fallback", "manual", *options), name)
+        if not options:
+            values = law.numbers("parameters")
+            law.c.law_defaults(values)
+            members = list(law.members["parameters"])
+            places = {member: sum(list(law.members["parameters"].values())[:k]) for k, member in enumerate(members)}
+            values[places["u_min"]], values[places["u_max"] + 1] = -2.0, 1.5
+            assert law.c.law_calibrate(values) == 0
+        assert law.c.law_enable(1, law.numbers("manual", [-3.0, 4.0]))
+        _, given = law.step([math.nan] * 6)
+        assert given == ([-3.0, 4.0] if options else [-2.0, 1.5])
 
 
 @pytest.mark.parametrize("name", ["L1TwoLinkRobot", "L1SampledTwoLinkRobot", "PidNonlinearSiso", "LadrcNonlinearSiso"])
@@ -178,10 +198,10 @@ void law_run_for(double seconds);
 void law_run_for(double seconds)
 {
     law.steps = (uint64_t)(seconds / NAME_PERIOD + 0.5);
-    law.d.samples = law.steps;
+    law.d.samples_taken = law.steps;
 }
 double law_samples(void);
-double law_samples(void) { return (double)law.d.samples; }
+double law_samples(void) { return (double)law.d.samples_taken; }
 """
 
 
@@ -221,6 +241,20 @@ int main()
 """
 
 
+def test_several_laws_are_in_one_source_file(laws: Laws, tmp_path: Path) -> None:
+    names = ["L1TwoLinkRobot", "MracPpfCoupledMimo", "FuzzyL1ActuatedSiso"]
+    folders = [laws.firmware(name, SUBSTEPS) for name in names]
+    (tmp_path / "all.c").write_text("".join(f'#include "{name}.c"\n' for name in names))
+    built("gcc", *WARNINGS, *(f"-I{folder}" for folder in folders), "-c", tmp_path / "all.c", "-o", tmp_path / "all.o")
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
+def test_checks_of_numbers_cannot_be_compiled_away(flag: str, laws: Laws, tmp_path: Path) -> None:
+    file = laws.firmware("L1SampledTwoLinkRobot", 1) / "L1SampledTwoLinkRobot.c"
+    done = subprocess.run(["gcc", flag, "-O2", "-c", file, "-o", tmp_path / "o"], capture_output=True, text=True, check=False)
+    assert done.returncode != 0 and "takes away the checks" in done.stderr
+
+
 @pytest.mark.skipif(not shutil.which("g++"), reason="there is no g++")
 def test_several_laws_are_in_one_program_of_cpp(laws: Laws, tmp_path: Path) -> None:
     objects = []
@@ -246,6 +280,7 @@ def test_what_does_not_fit_is_refused_with_what_does(tmp_path: Path) -> None:
     )
     assert re.search(r"period = 0\.003.*sample time, 0\.005 s", refused("L1SampledTwoLinkRobot", "--period", "0.003"))
     assert "substeps = 0" in refused("L1TwoLinkRobot", "--substeps", "0")
+    assert re.search("events at times.*`export --source`", refused("ReferenceNonlinearSiso"))
     assert "no manual control" in refused("ObserverTwoLinkRobot", "--fallback", "manual")
     assert "fallback" in refused("L1TwoLinkRobot", "--fallback", "stop")
 
@@ -311,3 +346,29 @@ def test_without_a_loop_the_number_of_steps_is_asked_for(tmp_path: Path) -> None
     assert exported("PidNonlinearSiso", "--substeps", "1") == (0, "")
     # Nothing of it is integrated.
     assert exported("L1SampledTwoLinkRobot") == (0, "")
+
+
+def test_a_users_own_controller_of_a_foreign_plant_is_one_too(laws: Laws, tmp_path: Path) -> None:
+    """Of a plant whose states have names that C++ has for itself."""
+    plant = {"A": [[-2.0, -4.0], [1.0, 0.0]], "B": [[3.0], [0.0]], "C": [[0.0, 1.0]]}
+    plant |= {"states": ["class", "READY"], "inputs": ["new"], "outputs": ["angle"]}
+    (tmp_path / "plant.json").write_text(json.dumps(plant))
+
+    def ran(*words: str) -> str:
+        done = subprocess.run([PROGRAM, *words], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stderr
+
+    ran("new", "l1", "--name", "Own", "--plant", "plant.json", "--bandwidth", "2")
+    ran("export", "--firmware", "Own.toml", "--substeps", "200", "--out", "c")
+    ran("export", "Own.toml", "--out", "fmus")
+    fmu, law = Fmu(tmp_path / "fmus/Own.fmu", tmp_path / "unpacked"), Law(tmp_path / "c", "Own")
+    if shutil.which("g++"):
+        built("g++", "-x", "c++", "-std=c++17", "-Wall", "-Wextra", "-c", tmp_path / "c/Own.c", "-o", tmp_path / "own.o")
+    reference = Reference(fmu, law, 200)
+    drawn = signals(fmu, reference.inputs, Random(f"own {NUMBER}"))
+    for k in range(60):
+        status, given = law.step(drawn(k * law.period))
+        assert status & law.bits["REFUSED"] == 0
+        assert_same(given, reference.step(drawn(k * law.period)), k)
+    reference.unit.free()

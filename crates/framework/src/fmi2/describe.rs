@@ -59,7 +59,7 @@ pub struct SourceUnit {
 pub struct FirmwareRequest {
     /// The description's text.
     pub description: String,
-    /// How it is exported.
+    /// Options of the export.
     pub options: firmware::Options,
 }
 

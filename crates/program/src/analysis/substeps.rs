@@ -1,4 +1,4 @@
-//! How many Runge-Kutta steps a law needs in a period, on a target that takes a fixed number of them.
+//! The number of Runge-Kutta steps that a law needs in a period, on a target that takes a fixed number of them.
 
 use std::sync::Arc;
 
@@ -36,27 +36,32 @@ pub fn substeps(structure: &Structure, component: &Component, period: f64, units
     let outputs: Vec<String> = loaded.variables().filter(is_output).map(|(name, ..)| name).collect();
     let stop_time = structure.stop_time.min(PERIODS * period);
     let settings = Settings { start_time: 0.0, stop_time, step: period, order: structure.order };
-    let run = |count: u32| -> Option<Vec<Vec<f64>>> {
-        let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed)? + 1;
-        let start = [(method, Value::Integer(fixed as i32)), (steps, Value::Integer(count as i32))];
-        let closed = loaded.instantiate_with(&start).ok()?;
+    let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed);
+    let fixed = Value::Integer(fixed.map_or(0, |place| place as i32 + 1));
+    let run = |count: u32| -> Result<Vec<Vec<f64>>, Error> {
+        let start = [(method, fixed.clone()), (steps, Value::Integer(count as i32))];
+        let closed = loaded.instantiate_with(&start)?;
         let places: Vec<usize> =
             outputs.iter().filter_map(|name| closed.names().iter().position(|known| known == name)).collect();
         let mut rows = Vec::new();
-        let ran = closed.watch(settings, &[], |_, row| {
+        closed.watch(settings, &[], |_, row| {
             rows.push(places.iter().map(|&place| row[place]).collect::<Vec<f64>>());
             true
-        });
-        ran.ok().map(|()| rows)
+        })?;
+        Ok(rows)
     };
     let (mut count, mut coarse) = (1, run(1));
     while count <= MOST {
         let fine = run(2 * count);
-        if coarse.as_ref().zip(fine.as_ref()).is_some_and(|(coarse, fine)| are_same(coarse, fine)) {
+        // With too few steps a law may leave any range.
+        if let (Ok(coarse), Ok(fine)) = (&coarse, &fine)
+            && are_same(coarse, fine)
+        {
             return Ok(count);
         }
         (count, coarse) = (2 * count, fine);
     }
+    coarse?;
     let reason = format!(
         "its outputs still change with {MOST} Runge-Kutta steps in {period} s. Give a shorter --period, or --substeps N"
     );

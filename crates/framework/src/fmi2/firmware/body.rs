@@ -4,6 +4,7 @@ use super::driver::{self, Driver};
 use super::functions::Structs;
 use super::law::Law;
 use super::{equations, interface};
+use crate::fmi2::source::RUNTIME;
 
 /// The whole file.
 pub(super) fn write(law: &Law, structs: &Structs, name: &str) -> String {
@@ -14,17 +15,19 @@ pub(super) fn write(law: &Law, structs: &Structs, name: &str) -> String {
         interface::write(law, structs, &driver),
     ]
     .concat();
+    let (helpers, undefined) = helpers(&functions);
     let text = format!(
         "/* {name}: see {name}.h. Generated from the recorded equations of the FMU of that name. */\n\n#include \"{name}.h\"\n\n\
-         #include <float.h>\n#include <math.h>\n#include <string.h>\n\n{MACROS}{}{}{functions}{END}",
+         #include <float.h>\n#include <limits.h>\n#include <math.h>\n#include <string.h>\n\n{MACROS}/* Memory \
+         that was initialised. */\n#define §_READY UINT32_C(0x{:08x})\n\n{}{helpers}{functions}{undefined}{END}",
+        ready(law),
         structs.signals.declaration(&[], "real"),
-        helpers(&functions)
     );
-    text.replace('§', name).replace("READY", &format!("UINT32_C(0x{:08x})", ready(law)))
+    text.replace('§', name)
 }
 
 const MACROS: &str = "\
-#if defined(__FAST_MATH__)
+#if defined(__FAST_MATH__) || defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0
 #error \"-ffast-math takes away the checks of inputs and outputs for NaN and infinity\"
 #endif
 #if defined(__STDC_VERSION__) && !defined(__GNUC__) || defined(__clang__)
@@ -53,47 +56,33 @@ const END: &str = "\
 #undef F
 #undef LARGE
 #undef SMALL
+#undef §_READY
 ";
 
-/// Functions that equations call: names, and what they do.
-const HELPERS: [(&str, &str); 4] = [
-    (
-        "sign",
-        "/* 1 with the sign of the number. */\nstatic real §_sign(real number)\n{\n    return F(copysign)(R(1.0), number);\n}\n\n",
-    ),
-    (
-        "wrapped",
-        "/* The angle within (-pi, pi] that differs from one by whole turns. */\nstatic real §_wrapped(real angle)\n{\n    const \
-         real half = R(3.141592653589793);\n    const real turn = R(6.283185307179586);\n    const real rest = \
-         F(fmod)(angle, turn);\n    if (rest > half) {\n        return rest - turn;\n    }\n    return rest <= -half ? rest + \
-         turn : rest;\n}\n\n",
-    ),
-    (
-        "whole",
-        "/* The integer that a number is, within what int32_t holds. */\nstatic int32_t §_whole(real number)\n{\n    if (number \
-         <= R(-2147483648.0)) {\n        return INT32_MIN;\n    }\n    return number >= R(2147483647.0) ? INT32_MAX : \
-         (int32_t)number;\n}\n\n",
-    ),
-    (
-        "power",
-        "/* A power with a whole exponent, by squares. */\nstatic real §_power(real base, int exponent)\n{\n    real product = \
-         R(1.0);\n    const bool inverse = exponent < 0;\n    for (;;) {\n        if (exponent % 2 != 0) {\n            product \
-         *= base;\n        }\n        exponent /= 2;\n        if (exponent == 0) {\n            return inverse ? R(1.0) / \
-         product : product;\n        }\n        base *= base;\n    }\n}\n\n",
-    ),
-];
+/// Functions that equations call; sources of FMUs have them, too.
+const HELPERS: [&str; 4] = ["sign", "wrapped", "whole", "power"];
 
-/// Those that a text calls.
-fn helpers(text: &str) -> String {
-    let calls = |name: &str| {
+/// The functions that a text calls, with macros by which it does, and what ends these.
+fn helpers(text: &str) -> (String, String) {
+    let calls = |name: &&str| {
         let call = format!("{name}(");
         text.match_indices(&call).any(|(at, _)| !text[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
     };
-    HELPERS
-        .iter()
-        .filter(|(name, _)| calls(name))
-        .map(|(name, text)| format!("{text}#define {name} §_{name}\n\n"))
-        .collect()
+    let called: Vec<&str> = HELPERS.into_iter().filter(calls).collect();
+    let written = |name: &&str| {
+        let text = numbers(name).replace(&format!("{name}("), &format!("§_{name}("));
+        format!("{text}\n#define {name} §_{name}\n\n")
+    };
+    (called.iter().map(written).collect(), called.iter().map(|name| format!("#undef {name}\n")).collect())
+}
+
+/// A function of the runtime of FMUs, with its comment.
+fn numbers(name: &str) -> &'static str {
+    let text = RUNTIME.iter().find(|(file, _)| *file == "numbers.h").map_or("", |(_, text)| text);
+    let at = text.find(&format!(" {name}(")).unwrap_or_default();
+    let begin = text[..at].rfind("/*").unwrap_or_default();
+    let end = text[at..].find("\n}\n").map_or(text.len(), |end| at + end + 3);
+    &text[begin..end]
 }
 
 /// A number by which initialised memory is recognised, computed from name and parameters.

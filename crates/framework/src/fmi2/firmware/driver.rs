@@ -3,12 +3,11 @@
 use std::fmt::Write;
 
 use super::Fallback;
-use super::equations::refusals;
 use super::functions::Structs;
 use super::header::flags;
 use super::law::Law;
 use super::members::Member;
-use crate::system::Section;
+use crate::system::{Data, Section};
 
 /// Tasks of a controller's driver.
 #[derive(Debug)]
@@ -39,9 +38,9 @@ impl Driver {
                 counters.push(text.to_owned());
             }
         };
-        counter(counts_samples, "uint64_t samples; /* that were taken */");
-        counter(law.every > 1, "uint32_t calls; /* since the last sample */");
-        counter(has_events, "uint32_t sides; /* on which sides event indicators are, a bit each */");
+        counter(counts_samples, "uint64_t samples_taken;");
+        counter(law.every > 1, "uint32_t calls_since_sample;");
+        counter(has_events, "uint32_t indicator_sides; /* a bit each */");
         let (reals, integers) = law.changed(&law.recorded.parameters_changed);
         Driver {
             has_discrete: !structs.discrete.is_empty() || !counters.is_empty(),
@@ -169,7 +168,7 @@ fn settle(law: &Law, driver: &Driver) -> String {
     format!(
         "/* Handles events until nothing changes sides; not 0 where that doesn't end. Signals stand as they are then. */\nstatic int \
          §_settle({y})\n{{\n    for (int k = 0; k < 8; k++) {{\n{evaluate}        const uint32_t sides = §_sides({});\n        if \
-         (sides == d->sides) {{\n            return 0;\n        }}\n        d->sides = sides;\n        §_event({});\n    }}\n    \
+         (sides == d->indicator_sides) {{\n            return 0;\n        }}\n        d->indicator_sides = sides;\n        §_event({});\n    }}\n    \
          return 1;\n}}\n\n",
         driver.called(law, Writes::Nothing, "x", "t"),
         driver.called(law, Writes::State, "x", "t")
@@ -233,7 +232,7 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let mut start = format!("    if (!self->started) {{\n{}", indented(&refuses(&state("start"), "INVALID")));
     if driver.has_events {
         start += &indented(&evaluate);
-        start += &format!("        d->sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
+        start += &format!("        d->indicator_sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
     }
     text += &(start + "    }\n");
     if driver.has_changes {
@@ -252,7 +251,7 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
         text += &sampling(law, driver, &evaluate);
     }
     text += &evaluate;
-    if !refusals(law, &law.recorded.check).is_empty() {
+    if !law.refusals(&law.recorded.check).is_empty() {
         let called = driver.called(law, Writes::Nothing, "x", "t");
         text += &refuses(&format!("§_check({called})"), "INVALID");
     }
@@ -260,7 +259,7 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
     if !(reals.is_empty() && integers.is_empty()) {
         text += &format!("    {};\n", state("completed"));
     }
-    text += &given(law, structs);
+    text += &given(structs);
     let out = (!sound_outputs(law, structs).is_empty()).then_some("out");
     let sound = driver.has_states.then_some("x").into_iter().chain(out).collect::<Vec<_>>().join(", ");
     text += &format!("    if (!§_is_sound({sound})) {{\n        return §_REFUSED | §_DIVERGED;\n    }}\n");
@@ -278,32 +277,33 @@ fn indented(lines: &str) -> String {
     lines.lines().map(|line| format!("    {line}\n")).collect()
 }
 
-/// A sample, in every call or in every so manieth.
+/// A sample, in every call or in every so many calls.
 fn sampling(law: &Law, driver: &Driver, evaluate: &str) -> String {
     let mut sample = evaluate.to_owned();
     sample += &format!("    §_sample({});\n", driver.called(law, Writes::State, "x", "t"));
     if driver.counts_samples {
-        sample += "    d->samples++;\n";
+        sample += "    d->samples_taken++;\n";
     }
     if driver.has_events {
         sample += evaluate;
-        sample += &format!("    d->sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
+        sample += &format!("    d->indicator_sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
     }
     if law.every == 1 {
         return sample;
     }
     let every = law.every;
-    format!("    d->calls++;\n    if (d->calls >= {every}) {{\n        d->calls = 0;\n{}    }}\n", indented(&sample))
+    format!(
+        "    d->calls_since_sample++;\n    if (d->calls_since_sample >= {every}) {{\n        d->calls_since_sample = 0;\n{}    }}\n",
+        indented(&sample)
+    )
 }
 
 /// Outputs from signals and states.
-fn given(law: &Law, structs: &Structs) -> String {
-    let variables = law.variables();
+fn given(structs: &Structs) -> String {
     let from = |place: usize| {
         let signal = structs.signals.access(place, true).map(|access| format!("y->{access}"));
         signal.or_else(|| structs.states.access(place, true).map(|access| format!("x->{access}")))
     };
-    let _ = variables;
     let line = |(to, place): (&String, usize)| Some(format!("    out->{to} = {};\n", from(place)?));
     structs.outputs.reals().filter_map(line).collect()
 }
@@ -325,11 +325,7 @@ fn bits(law: &Law, structs: &Structs) -> String {
         let discrete = structs.discrete.access(place, false).map(|access| format!("d->{access}"));
         let found = discrete.or_else(|| structs.signals.access(place, false).map(|access| format!("y->{access}")));
         if let Some(found) = found {
-            let is = if matches!(flag.variable.data, crate::system::Data::Boolean { .. }) {
-                found
-            } else {
-                format!("{found} != 0")
-            };
+            let is = if matches!(flag.variable.data, Data::Boolean { .. }) { found } else { format!("{found} != 0") };
             let _ = write!(text, "    if ({is}) {{\n        status |= §_{name};\n    }}\n");
         }
     }

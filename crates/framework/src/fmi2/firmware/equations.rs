@@ -1,11 +1,11 @@
 //! The equations of a law as C functions, one for each method.
 
 use super::driver::{Driver, Writes};
-use super::functions::{Head, Structs, Written, access, function, integer_name, real_name};
+use super::functions::{Head, Structs, Written, access, function};
 use super::law::Law;
 use crate::fmi2::source::expression::Kind;
-use crate::recording::{Node, Note, Recording};
-use crate::system::{Section, Variables};
+use crate::recording::{Node, Recording};
+use crate::system::Section;
 
 /// All of them.
 pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
@@ -16,22 +16,6 @@ pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
         sides(law, structs, driver),
     ]
     .concat()
-}
-
-/// Conditions under which a method refuses, with the reasons.
-pub(super) fn refusals(law: &Law, recording: &Recording) -> Vec<(Node, String)> {
-    let reason = |note: &Note| match note {
-        Note::Refusal { condition, reason } => {
-            let told = law.variables().told(&reason.to_string());
-            let mut pieces = told.split("{node ");
-            let first = pieces.next().unwrap_or_default().to_owned();
-            let text =
-                pieces.fold(first, |text, piece| text + "..." + piece.split_once('}').map_or("", |(_, rest)| rest));
-            Some((*condition, text))
-        }
-        Note::Message { .. } => None,
-    };
-    recording.tape.notes().iter().filter_map(reason).collect()
 }
 
 /// Values that follow from parameters.
@@ -50,21 +34,15 @@ fn prepare(law: &Law, structs: &Structs) -> String {
         declaration: format!("static int §_prepare(const §_parameters *p{r})"),
         parameters: "p",
     };
-    function(law, structs, &head, &law.recorded.relate, &written, &refusals(law, &law.recorded.relate))
+    function(law, structs, &head, &law.recorded.relate, &written, &law.refusals(&law.recorded.relate))
 }
 
 fn written(law: &Law, to: String, place: usize, node: Node) -> Written {
-    let name = Some(real_name(law.variables(), place));
-    Written { to, node, kind: Kind::Real, name, source: source(law.variables(), place) }
+    Written { to, node, kind: Kind::Real, name: Some(law.real_names[place].clone()), source: law.sources[place] }
 }
 
-/// Where the equation of a signal or of a rate is from.
-fn source(variables: &Variables, place: usize) -> &'static str {
-    let of = |v: &&crate::system::Variable| {
-        let first = variables.index(v.element(0));
-        v.is_real() && (first..first + v.len()).contains(&place)
-    };
-    variables.iter().find(of).map_or("", |v| v.source)
+fn written_whole(law: &Law, to: String, place: usize, node: Node) -> Written {
+    Written { to, node, kind: Kind::Whole, name: Some(law.integer_names[place].clone()), source: "" }
 }
 
 /// Signals, and the state equation.
@@ -75,10 +53,10 @@ fn evaluations(law: &Law, structs: &Structs, driver: &Driver) -> String {
             .signals()
             .into_iter()
             .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "")?, place, node)));
-        let whole = law.whole_signals().into_iter().filter_map(|(place, node)| {
-            let name = Some(integer_name(law.variables(), place));
-            Some(Written { to: access(structs, place, false, "")?, node, kind: Kind::Whole, name, source: "" })
-        });
+        let whole = law
+            .whole_signals()
+            .into_iter()
+            .filter_map(|(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node)));
         let all: Vec<Written> = reals.chain(whole).collect();
         let head = Head {
             what: "The output equation: outputs, and other signals that are read.",
@@ -99,8 +77,8 @@ fn evaluations(law: &Law, structs: &Structs, driver: &Driver) -> String {
                     to: format!("dx->{to}"),
                     node,
                     kind: Kind::Real,
-                    name: Some(format!("d_{}", real_name(variables, place))),
-                    source: source(variables, rate + place - first),
+                    name: Some(format!("d_{}", law.real_names[place])),
+                    source: law.sources[rate + place - first],
                 })
             })
             .collect();
@@ -123,14 +101,13 @@ fn changes(law: &Law, structs: &Structs, driver: &Driver) -> String {
         let reals = reals
             .into_iter()
             .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "")?, place, node)));
-        let integers = integers.into_iter().filter_map(|(place, node)| {
-            let name = Some(integer_name(law.variables(), place));
-            Some(Written { to: access(structs, place, false, "")?, node, kind: Kind::Whole, name, source: "" })
-        });
+        let integers = integers
+            .into_iter()
+            .filter_map(|(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node)));
         // Before the start all is zero.
         let is_zero = |one: &Written| name == "start" && recording.tape.constant(one.node) == Some(0.0);
         let all: Vec<Written> = reals.chain(integers).filter(|one| !is_zero(one)).collect();
-        let refusals = if refuses { refusals(law, recording) } else { Vec::new() };
+        let refusals = if refuses { law.refusals(recording) } else { Vec::new() };
         let writes = if all.is_empty() { Writes::Nothing } else { Writes::State };
         let head = Head {
             what,
@@ -158,7 +135,7 @@ fn changes(law: &Law, structs: &Structs, driver: &Driver) -> String {
     if let Some(sample) = &recorded.sample {
         one("sample", "A sample.", sample, false);
     }
-    if !refusals(law, &recorded.check).is_empty() {
+    if !law.refusals(&recorded.check).is_empty() {
         one("check", "Not 0 where the equations have no solution.", &recorded.check, true);
     }
     let (reals, integers) = law.changed(&recorded.completed);
@@ -196,7 +173,7 @@ fn sides(law: &Law, structs: &Structs, driver: &Driver) -> String {
         + &format!(
             "/* Bits of those that are negative; an indicator that is 0 stays on its side. */\nstatic uint32_t §_sides({})\n{{\n    \
              real z[{many}];\n    uint32_t sides = 0;\n    §_indicators({}, z);\n    for (int k = 0; k < {many}; k++) {{\n        \
-             const uint32_t bit = UINT32_C(1) << k;\n        sides |= z[k] < R(0.0) ? bit : z[k] > R(0.0) ? 0 : (d->sides & \
+             const uint32_t bit = UINT32_C(1) << k;\n        sides |= z[k] < R(0.0) ? bit : z[k] > R(0.0) ? 0 : (d->indicator_sides & \
              bit);\n    }}\n    return sides;\n}}\n\n",
             driver.declared(law, Writes::Nothing),
             driver.called(law, Writes::Nothing, "x", "t")

@@ -1,15 +1,14 @@
 //! C functions of recordings: what they read, straight lines, and what they write.
 
 use std::collections::HashMap;
-use std::fmt::Write;
 
 use super::law::{ENABLED, Law, leaves};
 use super::members::{Members, ascii};
-use crate::fmi2::source::expression::{Expression, Kind, number};
-use crate::fmi2::source::function::Function;
+use crate::fmi2::source::expression::{Expression, Kind};
+use crate::fmi2::source::function::{Function, framed};
 use crate::fmi2::source::names::Names;
 use crate::recording::{Leaf, Node, Recording};
-use crate::system::{Element, Section, Variables};
+use crate::system::{Element, Section, Variable, Variables};
 
 /// Names of parameters of functions.
 const PARAMETERS: [&str; 9] = ["self", "x", "d", "in", "y", "p", "r", "dx", "bool"];
@@ -27,12 +26,12 @@ pub(super) struct Structs {
     pub signals: Members,
 }
 
-/// Where a computed value goes.
+/// A computed value: its place in C, its node and type.
 pub(super) struct Written {
     pub to: String,
     pub node: Node,
     pub kind: Kind,
-    /// Its variable's name, and where its equation is from.
+    /// The name of its variable, and the source of its equation.
     pub name: Option<String>,
     pub source: &'static str,
 }
@@ -49,7 +48,7 @@ impl Structs {
         let variables = law.variables();
         let kind = |what: &str| format!("{name}_{what}");
         let live = |sections: &[Section]| -> Vec<Element> {
-            let is_one = |v: &&crate::system::Variable| sections.contains(&v.section);
+            let is_one = |v: &&Variable| sections.contains(&v.section);
             let elements = variables.iter().filter(is_one).flat_map(|v| v.elements());
             let is_live = |e: &Element| {
                 let place = variables.index(*e);
@@ -64,7 +63,7 @@ impl Structs {
         let manual: Vec<Element> =
             variables.visible().filter(|u| law.is_manual(u.variable) && u.variable.name != ENABLED).collect();
         let prepared: Vec<Element> =
-            law.prepared().iter().filter_map(|(place, _)| element_at(variables, Section::Prepared, *place)).collect();
+            law.prepared().iter().filter_map(|(place, _)| element(variables, *place)).collect();
         let of = |what: &str, text, elements: &[Element]| Members::of(kind(what), text, elements, variables);
         Structs {
             inputs: of("inputs", "What a step reads, at its begin.", &law.inputs()),
@@ -83,12 +82,7 @@ impl Structs {
     }
 }
 
-/// The element that lies at a place of the block.
-fn element_at(variables: &Variables, section: Section, place: usize) -> Option<Element<'_>> {
-    variables.real_at(section, place - variables.reals(section).start)
-}
-
-/// How a value of the block is reached in C.
+/// The C expression of a value of the block.
 pub(super) fn access(structs: &Structs, place: usize, is_real: bool, parameters: &str) -> Option<String> {
     let within =
         |members: &Members, before: &str| members.access(place, is_real).map(|access| format!("{before}{access}"));
@@ -136,7 +130,7 @@ pub(super) fn function(
     if head.declaration.starts_with("static int") {
         function.line("return 0;");
     }
-    framed(head, &function.lines())
+    framed((head.what, &head.declaration), &function.lines())
 }
 
 /// The names of nodes that are variables: of those that are written, and of signals that aren't.
@@ -144,12 +138,8 @@ fn named(law: &Law, recording: &Recording, written: &[Written]) -> HashMap<Node,
     let variables = law.variables();
     let mut names = HashMap::new();
     if std::ptr::eq(recording, &law.recorded.evaluate) {
-        for variable in variables.iter().filter(|v| v.section == Section::Signal && v.is_real()) {
-            for element in variable.elements() {
-                let node = recording.reals[variables.index(element)];
-                names.insert(node, element.name().trim_start_matches('#').to_owned());
-            }
-        }
+        let signals = variables.reals(Section::Signal);
+        names.extend(signals.map(|place| (recording.reals[place], law.real_names[place].clone())));
     }
     let own = written.iter().filter_map(|one| Some((one.node, one.name.clone()?)));
     names.extend(own);
@@ -173,21 +163,23 @@ fn read(
             Leaf::Step => Expression::number(law.period),
             Leaf::Real(place) => {
                 let place = place as usize;
-                let name = real_name(variables, place);
-                let unit = unit(variables, place);
+                let name = &law.real_names[place];
                 match (law.constant(place), access(structs, place, true, head.parameters)) {
-                    (Some(value), _) => function.named_number(&name, value, &ascii(&unit)),
-                    _ if law.counts_samples(place) => function.named(&name, Kind::Real, "(real)d->samples", ""),
-                    (None, Some(access)) => function.named(&name, Kind::Real, &access, ""),
+                    (Some(value), _) => {
+                        let unit = element(variables, place).map(|e| e.unit()).filter(|unit| *unit != "1");
+                        function.named_number(name, value, &ascii(unit.unwrap_or_default()))
+                    }
+                    _ if law.counts_samples(place) => function.named(name, Kind::Real, "(real)d->samples_taken", ""),
+                    (None, Some(access)) => function.named(name, Kind::Real, &access, ""),
                     (None, None) => Expression::number(law.start.reals[place]),
                 }
             }
             Leaf::Integer(place) => {
                 let place = place as usize;
-                let name = integer_name(variables, place);
+                let name = &law.integer_names[place];
                 match access(structs, place, false, head.parameters) {
-                    Some(access) => function.named(&name, Kind::Whole, &access, ""),
-                    None if name == ENABLED => function.named(&name, Kind::Whole, "self->enabled", ""),
+                    Some(access) => function.named(name, Kind::Whole, &access, ""),
+                    None if name == ENABLED => function.named(name, Kind::Whole, "self->enabled", ""),
                     None => Expression::number(f64::from(law.start.integers[place])),
                 }
             }
@@ -198,47 +190,12 @@ fn read(
     given
 }
 
-/// The name of a real value of the block.
-pub(super) fn real_name(variables: &Variables, place: usize) -> String {
-    let is_it = |e: &Element| e.variable.is_real() && variables.index(*e) == place;
-    let found = variables.iter().flat_map(|v| v.elements()).find(is_it);
-    found.map_or_else(|| format!("value[{place}]"), |e| e.name().trim_start_matches('#').to_owned())
-}
-
-/// That of an integer.
-pub(super) fn integer_name(variables: &Variables, place: usize) -> String {
-    let is_it = |e: &Element| !e.variable.is_real() && variables.index(*e) == place;
-    let found = variables.iter().flat_map(|v| v.elements()).find(is_it);
-    found.map_or_else(|| format!("value[{place}]"), |e| e.name().trim_start_matches('#').to_owned())
-}
-
-fn unit(variables: &Variables, place: usize) -> String {
-    let is_it = |e: &Element| e.variable.is_real() && variables.index(*e) == place;
-    let found = variables.iter().flat_map(|v| v.elements()).find(is_it);
-    found.map(|e| e.unit()).filter(|unit| *unit != "1").unwrap_or_default().to_owned()
-}
-
-/// A function with its declaration; parameters that it doesn't use are marked.
-fn framed(head: &Head, lines: &str) -> String {
-    let parameters = head.declaration.split_once('(').map_or("", |(_, parameters)| parameters.trim_end_matches(')'));
-    let names = parameters.split(", ").map(|parameter| parameter.rsplit([' ', '*']).next().unwrap_or_default());
-    let code: Vec<&str> = lines.lines().map(|line| line.split("/*").next().unwrap_or_default()).collect();
-    let is_used = |name: &&str| code.iter().any(|line| has_word(line, name));
-    let mut text = format!("/* {} */\n{}\n{{\n", head.what, head.declaration);
-    names.filter(|name| !is_used(name)).for_each(|name| _ = writeln!(text, "    (void){name};"));
-    format!("{text}{lines}}}\n\n")
-}
-
-/// True if a line of C has a word that isn't a member of a struct.
-fn has_word(line: &str, word: &str) -> bool {
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    line.match_indices(word).any(|(at, _)| {
-        let (before, behind) = (&line[..at], &line[at + word.len()..]);
-        !before.ends_with(|c: char| is_part(c) || c == '>' || c == '.') && !behind.starts_with(is_part)
-    })
-}
-
-/// A number as C writes it.
-pub(super) fn written_number(value: f64) -> String {
-    number(value)
+/// The element that a real value of the block is.
+fn element(variables: &Variables, place: usize) -> Option<Element<'_>> {
+    let is_it = |v: &&Variable| {
+        let first = variables.index(v.element(0));
+        v.is_real() && (first..first + v.len()).contains(&place)
+    };
+    let variable = variables.iter().find(is_it)?;
+    Some(variable.element(place - variables.index(variable.element(0))))
 }

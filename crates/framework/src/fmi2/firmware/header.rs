@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::Fallback;
 use super::driver::Driver;
-use super::functions::{Structs, written_number};
+use super::functions::Structs;
 use super::law::Law;
 use super::members::ascii;
 use crate::fmi2::source::names::Names;
@@ -23,12 +23,15 @@ const FIRST_FLAG: usize = 8;
 
 /// The names of bits that are outputs: in C, and their meanings.
 pub(super) fn flags(law: &Law) -> Vec<(String, usize, String)> {
-    let mut names = Names::default();
+    // Macros of the header begin with the name, too.
+    let own = STATUS.iter().map(|(name, ..)| name.to_ascii_lowercase());
+    let own: Vec<String> = own.chain(["period", "substeps"].map(str::to_owned)).collect();
+    let mut names = Names::beside(&own.iter().map(String::as_str).collect::<Vec<_>>());
     let named = |(k, flag): (usize, crate::system::Element<'_>)| {
-        let name = names.of(&flag.name()).to_ascii_uppercase();
+        let name = names.of(&flag.name().to_ascii_lowercase()).to_ascii_uppercase();
         (name, FIRST_FLAG + k, format!("{}: {}", flag.name(), flag.description()))
     };
-    law.flags().into_iter().enumerate().take(32 - FIRST_FLAG).map(named).collect()
+    law.flags().into_iter().enumerate().map(named).collect()
 }
 
 /// The whole file.
@@ -142,7 +145,7 @@ fn calibration(law: &Law, structs: &Structs) -> String {
         let name = &member.capitals;
         let _ = writeln!(text, "    §_BAD_{name}, /* {}: must be {range} */", ascii(&member.name));
     }
-    for (k, reason) in relations(law).iter().enumerate() {
+    for (k, (_, reason)) in law.refusals(&law.recorded.relate).iter().enumerate() {
         let _ = writeln!(text, "    §_BAD_RELATION_{}, /* {} */", k + 1, ascii(reason));
     }
     text + "} §_calibration;\n\n/* The parameters of the export. */\nextern const §_parameters §_defaults;\n\n"
@@ -176,11 +179,6 @@ pub(super) fn limits(law: &Law, member: &super::members::Member) -> Option<(Opti
     }
 }
 
-/// The relations that parameters must keep, as reasons for a refusal.
-pub(super) fn relations(law: &Law) -> Vec<String> {
-    super::equations::refusals(law, &law.recorded.relate).into_iter().map(|(_, reason)| reason).collect()
-}
-
 fn calls(structs: &Structs) -> String {
     let mut text = String::new();
     let mut call = |is: bool, what: &str, declaration: &str| {
@@ -192,8 +190,9 @@ fn calls(structs: &Structs) -> String {
     call(true, "Puts it back to its start: states and counters, not parameters.", "void §_reset(§ *self)");
     call(
         !structs.manual.is_empty(),
-        "Who is in command from the next step on: the controller, or a manual control. It takes over without a jump.",
-        "void §_enable(§ *self, bool enabled, const §_manual *manual)",
+        "Who is in command from the next step on: the controller, or a manual control. It takes over without a jump. \
+         False where the manual control isn't a number: then nothing changes.",
+        "bool §_enable(§ *self, bool enabled, const §_manual *manual)",
     );
     call(
         !structs.parameters.is_empty(),
@@ -205,9 +204,4 @@ fn calls(structs: &Structs) -> String {
         text = text.replace("const §_inputs *in, ", "");
     }
     text
-}
-
-/// A real constant of the file.
-pub(super) fn real(value: f64) -> String {
-    written_number(value)
 }

@@ -4,11 +4,11 @@ use std::fmt::Write;
 
 use super::Fallback;
 use super::driver::{Driver, Writes};
-use super::equations::refusals;
-use super::functions::{Structs, written_number};
-use super::header::{limits, real};
-use super::law::{ENABLED, Law};
+use super::functions::{Structs, access};
+use super::header::limits;
+use super::law::{CONTROL, ENABLED, Law, U_MANUAL};
 use super::members::Member;
+use crate::fmi2::source::expression::number;
 
 /// All of them.
 pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
@@ -19,11 +19,11 @@ pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
     }
     let enabled = law.variables().find(ENABLED).filter(|of| law.is_manual(of.variable));
     let starts_enabled = enabled.is_none_or(|of| law.start.integers[law.variables().index(of)] != 0);
-    let mut init = "    (void)memset(self, 0, sizeof *self);\n    self->ready = READY;\n".to_owned();
+    let mut init = "    (void)memset(self, 0, sizeof *self);\n    self->ready = §_READY;\n".to_owned();
     if !structs.manual.is_empty() {
         init += &format!("    self->enabled = {starts_enabled};\n");
         for (to, place) in structs.manual.reals() {
-            init += &format!("    self->manual.{to} = {};\n", real(law.start.reals[place]));
+            init += &format!("    self->manual.{to} = {};\n", number(law.start.reals[place]));
         }
     }
     if !structs.parameters.is_empty() {
@@ -32,8 +32,9 @@ pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let _ = write!(text, "void §_init(§ *self)\n{{\n{init}}}\n\n");
     text += &reset(structs, driver);
     if !structs.manual.is_empty() {
-        text += "void §_enable(§ *self, bool enabled, const §_manual *manual)\n{\n    self->enabled = enabled;\n    if \
-                 (§_manual_are_numbers(manual)) {\n        self->manual = *manual;\n    }\n}\n\n";
+        text += "bool §_enable(§ *self, bool enabled, const §_manual *manual)\n{\n    const bool sound = \
+                 §_manual_are_numbers(manual);\n    if (sound) {\n        self->enabled = enabled;\n        self->manual = \
+                 *manual;\n    }\n    return sound;\n}\n\n";
     }
     text + &step(law, structs, driver)
 }
@@ -65,7 +66,7 @@ fn defaults(law: &Law, structs: &Structs) -> String {
             .filter_map(|name| law.variables().find(name))
             .map(|element| {
                 let place = law.variables().index(element);
-                if member.is_real { real(law.start.reals[place]) } else { law.start.integers[place].to_string() }
+                if member.is_real { number(law.start.reals[place]) } else { law.start.integers[place].to_string() }
             })
             .collect();
         let values = if values.len() > 1 { format!("{{ {} }}", values.join(", ")) } else { values.join("") };
@@ -97,7 +98,7 @@ fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
     } else {
         ("    §_prepared r;\n", "§_prepare(p, &r)", "    self->r = r;\n")
     };
-    let relations = if refusals(law, &law.recorded.relate).is_empty() {
+    let relations = if law.refusals(&law.recorded.relate).is_empty() {
         format!("    (void){called};\n")
     } else {
         format!(
@@ -113,7 +114,7 @@ fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
 }
 
 fn whole_or_real(member: &Member, value: f64) -> String {
-    if member.is_real { written_number(value) } else { format!("{}", value as i64) }
+    if member.is_real { number(value) } else { format!("{}", value as i64) }
 }
 
 fn step(law: &Law, structs: &Structs, driver: &Driver) -> String {
@@ -154,23 +155,35 @@ fn step(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let fallback = match law.fallback {
         Fallback::Hold => "        *out = self->last;\n".to_owned(),
         Fallback::Zero => "        (void)memset(out, 0, sizeof *out);\n".to_owned(),
-        Fallback::Manual => by_hand(structs),
+        Fallback::Manual => by_hand(law, structs),
     };
     let inputs = if structs.inputs.is_empty() { "" } else { "const §_inputs *in, " };
     format!(
-        "§_status §_step(§ *self, {inputs}§_outputs *out)\n{{\n    §_status status;\n    §_outputs given;\n    if (self->ready != \
-         READY) {{\n        (void)memset(out, 0, sizeof *out);\n        return §_REFUSED | §_NOT_INITIALISED;\n    }}\n    \
-         (void)memset(&given, 0, sizeof given);\n{{\n{locals}{status}    if ((status & §_REFUSED) == 0) {{\n{taken}    }} else {{\n{fallback}        \
-         self->refused += self->refused < UINT32_MAX ? 1 : 0;\n    }}\n}}\n    return status;\n}}\n\n"
+        "§_status §_step(§ *self, {inputs}§_outputs *out)\n{{\n    if (self->ready != §_READY) {{\n        (void)memset(out, 0, \
+         sizeof *out);\n        return §_REFUSED | §_NOT_INITIALISED;\n    }}\n    §_status status;\n    §_outputs \
+         given;\n{locals}    (void)memset(&given, 0, sizeof given);\n{status}    if ((status & §_REFUSED) == 0) \
+         {{\n{taken}    }} else {{\n{fallback}        self->refused += self->refused < UINT32_MAX ? 1 : 0;\n    }}\n    \
+         return status;\n}}\n\n"
     )
 }
 
-/// The control by hand as outputs.
-fn by_hand(structs: &Structs) -> String {
-    let manual: Vec<&String> = structs.manual.reals().map(|(access, _)| access).collect();
-    let line = |(k, (to, _)): (usize, (&String, usize))| {
-        let from = manual.get(k).map_or("R(0.0)".to_owned(), |from| format!("self->manual.{from}"));
-        format!("        out->{to} = {from};\n")
+/// The manual control within the limits of the control; other outputs are 0.
+fn by_hand(law: &Law, structs: &Structs) -> String {
+    let variables = law.variables();
+    let limit = |which: &str, k: usize| {
+        let place = variables.iter().find(|v| v.name == which).map(|v| variables.index(v.element(k)))?;
+        access(structs, place, true, "").or_else(|| law.constant(place).map(number))
     };
-    structs.outputs.reals().enumerate().map(line).collect()
+    let of_control = |place: usize| {
+        let control = variables.iter().find(|v| v.name == CONTROL)?;
+        let k = place.checked_sub(variables.index(control.element(0))).filter(|&k| k < control.len())?;
+        let manual = variables.iter().find(|v| v.name == U_MANUAL)?;
+        let manual = access(structs, variables.index(manual.element(k)), true, "")?;
+        let from_below = limit("u_min", k).map_or(manual.clone(), |min| format!("{manual} < {min} ? {min} : {manual}"));
+        Some(limit("u_max", k).map_or(from_below.clone(), |max| format!("{manual} > {max} ? {max} : {from_below}")))
+    };
+    let line = |(to, place): (&String, usize)| {
+        format!("        out->{to} = {};\n", of_control(place).unwrap_or_else(|| number(0.0)))
+    };
+    structs.outputs.reals().map(line).collect()
 }

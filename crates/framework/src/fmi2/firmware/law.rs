@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use super::parameters::{calibrated, calls_from_sample_to_sample, prepared};
 use super::{Fallback, Options};
 use crate::error::Invalid;
+use crate::fmi2::source;
 use crate::model::{Block, Model};
 use crate::recording::{Comparison, Leaf, Method, Node, Note, Operation, Recording, Tape};
 use crate::system::{Causality, Element, SamplingClock, Section, Variable, Variables};
@@ -12,6 +13,14 @@ use crate::system::{Causality, Element, SamplingClock, Section, Variable, Variab
 /// Names that the interface of all controllers has: who is in command isn't an input of a step, but set by a call.
 pub(super) const ENABLED: &str = "enabled";
 pub(super) const U_MANUAL: &str = "u_manual";
+pub(super) const CONTROL: &str = "u";
+
+/// Sections that follow from parameters; those that a step continues with; those that an evaluation writes.
+const FROM_PARAMETERS: [Section; 2] = [Section::Parameter, Section::Prepared];
+const CONTINUED: [Section; 3] = [Section::State, Section::Discrete, Section::Memory];
+pub(super) const EVALUATED: [Section; 3] = [Section::Connected, Section::Signal, Section::Derivative];
+/// Bits of a status that outputs may have.
+pub(super) const MOST_FLAGS: usize = 24;
 
 /// Places of the block, each with its new value.
 pub(super) type Places = Vec<(usize, Node)>;
@@ -43,14 +52,18 @@ pub(super) struct Law<'a> {
     pub every: u32,
     /// The values that it begins with, prepared.
     pub start: Block,
-    /// Which reals and integers stay variables: of parameters and of what follows from them.
+    /// The names of all reals and integers, and the sources of the equations of reals.
+    pub real_names: Vec<String>,
+    pub integer_names: Vec<String>,
+    pub sources: Vec<&'static str>,
+    /// Flags of the reals and integers that stay variables: parameters and what follows from them.
     variable_reals: Vec<bool>,
     variable_integers: Vec<bool>,
     clock: Option<SamplingClock<usize>>,
     /// Reals and integers that an evaluation could write and doesn't: they stay as they begin.
     never_written: Live,
     pub recorded: Recorded,
-    /// Which reals and integers the outputs need.
+    /// Flags of the reals and integers that the outputs need.
     pub live: Live,
     /// Event indicators that can change sides and have an effect, and whether they do so within a step.
     pub indicators: Vec<usize>,
@@ -59,7 +72,7 @@ pub(super) struct Law<'a> {
     pub reads_time: bool,
 }
 
-/// Which values of the block something needs.
+/// Flags of values of the block.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Live {
     pub reals: Vec<bool>,
@@ -99,6 +112,9 @@ impl<'a> Law<'a> {
             substeps: options.substeps,
             fallback: options.fallback,
             every,
+            real_names: source::names(variables, true),
+            integer_names: source::names(variables, false),
+            sources: source::sources(variables, start.reals.len()),
             start,
             variable_reals,
             variable_integers,
@@ -114,6 +130,7 @@ impl<'a> Law<'a> {
         law.check_time_events()?;
         law.find_live();
         law.find_indicators()?;
+        law.check_emitted()?;
         law.reads_time =
             law.all().into_iter().any(|(recording, nodes)| leaves(recording, &nodes).contains(&Leaf::Time));
         Ok(law)
@@ -134,7 +151,7 @@ impl<'a> Law<'a> {
                 return Some(self.period * f64::from(self.every));
             }
         }
-        let is_fixed = [Section::Parameter, Section::Prepared].iter().any(|&of| variables.reals(of).contains(&place));
+        let is_fixed = is_in(&FROM_PARAMETERS, |section| variables.reals(section), place);
         (is_fixed && !self.variable_reals[place] || self.never_written.reals[place]).then(|| self.start.reals[place])
     }
 
@@ -144,8 +161,7 @@ impl<'a> Law<'a> {
         if variables.stepped() == Some(place) {
             return Some(1);
         }
-        let is_fixed =
-            [Section::Parameter, Section::Prepared].iter().any(|&of| variables.integers(of).contains(&place));
+        let is_fixed = is_in(&FROM_PARAMETERS, |section| variables.integers(section), place);
         (is_fixed && !self.variable_integers[place] || self.never_written.integers[place])
             .then(|| self.start.integers[place])
     }
@@ -167,15 +183,14 @@ impl<'a> Law<'a> {
     /// The value of a state or a discrete variable before the start sets it.
     fn started(&self, leaf: Leaf) -> Option<f64> {
         let variables = self.variables();
-        let sections = [Section::State, Section::Discrete, Section::Memory];
         match leaf {
             Leaf::Real(place) => {
                 let place = place as usize;
-                sections.iter().any(|&of| variables.reals(of).contains(&place)).then(|| self.start.reals[place])
+                is_in(&CONTINUED, |section| variables.reals(section), place).then(|| self.start.reals[place])
             }
             Leaf::Integer(place) => {
                 let place = place as usize;
-                let is_one = sections.iter().any(|&of| variables.integers(of).contains(&place));
+                let is_one = is_in(&CONTINUED, |section| variables.integers(section), place);
                 is_one.then(|| f64::from(self.start.integers[place]))
             }
             _ => None,
@@ -252,21 +267,40 @@ impl<'a> Law<'a> {
         if next.results.iter().all(is_known) {
             return Ok(());
         }
-        let allowed = "can't be exported for a target: it has events at times that aren't its samples";
+        let allowed = "can't be exported for a target: it has events at times that aren't its samples. `export --source` \
+                       writes C with all events";
         Err(Invalid::new("model", &self.model.description().model, allowed))
+    }
+
+    /// Refuses what has no text in C: random numbers, more flags than a status has bits.
+    fn check_emitted(&self) -> Result<(), Invalid> {
+        let refuse = |reason: &str| Err(Invalid::new("model", &self.model.description().model, reason));
+        let draws = |(recording, nodes): (&Recording, Vec<Node>)| {
+            let needed = recording.tape.needed(&nodes);
+            let operations = recording.tape.operations().iter().zip(needed);
+            operations.filter(|(_, needed)| *needed).any(|(one, _)| matches!(one, Operation::Opaque(..)))
+        };
+        if self.all().into_iter().any(draws) {
+            return refuse("can't be exported for a target: it draws random numbers");
+        }
+        if self.flags().len() > MOST_FLAGS {
+            return refuse(
+                "can't be exported for a target: a status has bits for 24 Boolean and Integer outputs at most",
+            );
+        }
+        Ok(())
     }
 
     /// Live states and discrete values that a method changes: real places, integer places, each with its new value.
     pub fn changed(&self, recording: &Recording) -> (Places, Places) {
         let variables = self.variables();
-        let sections = [Section::State, Section::Discrete, Section::Memory];
         let is_same = |node: Node, leaf| *recording.tape.operation(node) == Operation::Leaf(leaf);
-        let reals = sections.iter().flat_map(|&section| variables.reals(section)).filter(|&place| {
+        let reals = CONTINUED.iter().flat_map(|&section| variables.reals(section)).filter(|&place| {
             self.live.reals[place]
                 && !self.counts_samples(place)
                 && !is_same(recording.reals[place], Leaf::Real(place as u32))
         });
-        let integers = sections.iter().flat_map(|&section| variables.integers(section)).filter(|&place| {
+        let integers = CONTINUED.iter().flat_map(|&section| variables.integers(section)).filter(|&place| {
             self.live.integers[place] && !is_same(recording.integers[place], Leaf::Integer(place as u32))
         });
         (
@@ -275,10 +309,19 @@ impl<'a> Law<'a> {
         )
     }
 
-    /// Conditions under which a method refuses.
-    pub fn refusals(recording: &Recording) -> Vec<Node> {
-        let refusal = |note: &Note| matches!(note, Note::Refusal { .. }).then(|| note.condition());
-        recording.tape.notes().iter().filter_map(refusal).collect()
+    /// Conditions under which a method refuses, with the reasons; numbers in these are left out.
+    pub fn refusals(&self, recording: &Recording) -> Vec<(Node, String)> {
+        let reason = |note: &Note| match note {
+            Note::Refusal { condition, reason } => {
+                let told = self.variables().told(&reason.to_string());
+                let mut pieces = told.split("{node ");
+                let first = pieces.next().unwrap_or_default().to_owned();
+                let behind = |piece: &str| piece.split_once('}').map_or(String::new(), |(_, rest)| rest.to_owned());
+                Some((*condition, pieces.fold(first, |text, piece| text + "..." + &behind(piece))))
+            }
+            Note::Message { .. } => None,
+        };
+        recording.tape.notes().iter().filter_map(reason).collect()
     }
 
     /// The state equation: live states, by their places, and their rates.
@@ -291,8 +334,7 @@ impl<'a> Law<'a> {
 
     /// Signals that something besides the state equation reads: outputs, and what other methods read.
     pub fn signals(&self) -> Places {
-        let sections = [Section::Connected, Section::Signal, Section::Derivative];
-        let places = sections.iter().flat_map(|&section| self.variables().reals(section));
+        let places = EVALUATED.iter().flat_map(|&section| self.variables().reals(section));
         places
             .filter(|&place| self.live.reals[place])
             .map(|place| (place, self.recorded.evaluate.reals[place]))
@@ -301,8 +343,7 @@ impl<'a> Law<'a> {
 
     /// Whole signals that are no real numbers.
     pub fn whole_signals(&self) -> Places {
-        let sections = [Section::Connected, Section::Signal];
-        let places = sections.iter().flat_map(|&section| self.variables().integers(section));
+        let places = EVALUATED.iter().flat_map(|&section| self.variables().integers(section));
         let live = places.filter(|&place| self.live.integers[place]);
         live.map(|place| (place, self.recorded.evaluate.integers[place])).collect()
     }
@@ -323,7 +364,7 @@ impl<'a> Law<'a> {
         self.variables().visible().filter(is_flag).collect()
     }
 
-    /// Where a control is cut by its limits: the place before, and that of the output.
+    /// Controls that limits cut: the place before, and that of the output.
     pub fn limited(&self) -> Vec<(usize, usize)> {
         let variables = self.variables();
         let pairs = variables.iter().filter(|v| v.section == Section::Signal).filter_map(|v| {
@@ -371,7 +412,9 @@ impl<'a> Law<'a> {
 
     /// All that is written, as the nodes of recordings.
     pub fn all(&self) -> Vec<(&Recording, Vec<Node>)> {
-        let nodes = |of: Vec<(usize, Node)>| of.into_iter().map(|(_, node)| node).collect::<Vec<_>>();
+        let nodes = |of: Places| of.into_iter().map(|(_, node)| node).collect::<Vec<_>>();
+        let conditions =
+            |of: &Recording| self.refusals(of).into_iter().map(|(condition, _)| condition).collect::<Vec<_>>();
         let mut all = vec![(
             &self.recorded.evaluate,
             [self.rates(), self.signals(), self.whole_signals()].into_iter().flat_map(nodes).collect(),
@@ -386,20 +429,12 @@ impl<'a> Law<'a> {
         ];
         for recording in changing.into_iter().flatten() {
             let (reals, integers) = self.changed(recording);
-            all.push((recording, [nodes(reals), nodes(integers), Self::refusals(recording)].concat()));
+            all.push((recording, [nodes(reals), nodes(integers), conditions(recording)].concat()));
         }
-        all.push((&self.recorded.relate, [nodes(self.prepared()), Self::refusals(&self.recorded.relate)].concat()));
+        all.push((&self.recorded.relate, [nodes(self.prepared()), conditions(&self.recorded.relate)].concat()));
         let results = &self.recorded.indicators.results;
         all.push((&self.recorded.indicators, self.indicators.iter().map(|&k| results[k]).collect()));
         all
-    }
-
-    /// True for what an evaluation writes.
-    pub fn is_evaluated(&self, place: usize) -> bool {
-        let variables = self.variables();
-        [Section::Connected, Section::Signal, Section::Derivative]
-            .iter()
-            .any(|&of| variables.reals(of).contains(&place))
     }
 }
 
@@ -426,7 +461,7 @@ fn never_written(model: &Model) -> Live {
     let recording = Recording::of(model.system(), Method::Evaluate, &variables.layout());
     let is = |node: Node, leaf| *recording.tape.operation(node) == Operation::Leaf(leaf);
     let mut never = Live { reals: vec![false; recording.reals.len()], integers: vec![false; recording.integers.len()] };
-    for section in [Section::Connected, Section::Signal, Section::Derivative] {
+    for section in EVALUATED {
         for place in variables.reals(section) {
             never.reals[place] = is(recording.reals[place], Leaf::Real(place as u32));
         }
@@ -435,6 +470,11 @@ fn never_written(model: &Model) -> Live {
         }
     }
     never
+}
+
+/// True if a place is in one of some sections, whose places are found by a function.
+pub(super) fn is_in(sections: &[Section], places: impl Fn(Section) -> std::ops::Range<usize>, place: usize) -> bool {
+    sections.iter().any(|&section| places(section).contains(&place))
 }
 
 /// Leaves that nodes read.

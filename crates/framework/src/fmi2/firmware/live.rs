@@ -1,8 +1,8 @@
-//! Which values of a law its outputs need.
+//! The values of a law that its outputs need.
 
 use std::collections::BTreeSet;
 
-use super::law::{Law, Live, leaves};
+use super::law::{EVALUATED, Law, Live, is_in, leaves};
 use crate::error::Invalid;
 use crate::recording::{Leaf, Node};
 use crate::system::{Section, Variable};
@@ -61,25 +61,27 @@ impl Law<'_> {
         (0..indicators.results.len()).filter(|k| !is_constant(k)).collect()
     }
 
+    /// Finds whether indicators can change sides within a step.
     pub(super) fn find_indicators(&mut self) -> Result<(), Invalid> {
         if self.indicators.len() > MOST_INDICATORS {
             let reason =
                 format!("has {} event indicators, at most {MOST_INDICATORS} are possible", self.indicators.len());
             return Err(Invalid::new("model", &self.model.description().model, reason));
         }
-        let recording = &self.recorded.indicators;
+        let (recording, evaluate) = (&self.recorded.indicators, &self.recorded.evaluate);
         let nodes: Vec<Node> = self.indicators.iter().map(|&k| recording.results[k]).collect();
-        let evaluate = &self.recorded.evaluate;
+        let variables = self.variables();
         let mut read = leaves(recording, &nodes);
-        let signals: Vec<Node> = read
-            .iter()
-            .filter_map(|leaf| match leaf {
-                Leaf::Real(place) if self.is_evaluated(*place as usize) => Some(evaluate.reals[*place as usize]),
-                _ => None,
-            })
-            .collect();
+        let evaluated = |leaf: &Leaf| match *leaf {
+            Leaf::Real(place) => is_in(&EVALUATED, |section| variables.reals(section), place as usize)
+                .then(|| evaluate.reals[place as usize]),
+            Leaf::Integer(place) => is_in(&EVALUATED, |section| variables.integers(section), place as usize)
+                .then(|| evaluate.integers[place as usize]),
+            _ => None,
+        };
+        let signals: Vec<Node> = read.iter().filter_map(evaluated).collect();
         read.extend(leaves(evaluate, &signals));
-        let states = self.variables().reals(Section::State);
+        let states = variables.reals(Section::State);
         self.events_within = read.iter().any(|leaf| match leaf {
             Leaf::Time => true,
             Leaf::Real(place) => states.contains(&(*place as usize)),

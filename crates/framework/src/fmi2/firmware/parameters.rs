@@ -28,7 +28,7 @@ pub(super) fn prepared(model: &Model, options: &Options) -> Result<(Block, f64),
     Ok((block, period))
 }
 
-/// How many calls there are from sample to sample.
+/// The number of calls from sample to sample.
 pub(super) fn calls_from_sample_to_sample(
     model: &Model,
     start: &Block,
@@ -52,7 +52,7 @@ pub(super) fn calls_from_sample_to_sample(
     Ok(calls as u32)
 }
 
-/// Which parameters stay variables, and what follows from them: reals and integers.
+/// Flags of the parameters that stay variables, with what follows from them: reals and integers.
 pub(super) fn calibrated(model: &Model, options: &Options) -> Result<(Vec<bool>, Vec<bool>), Invalid> {
     let variables = model.variables();
     let designed = model.designed();

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::Unit;
 use super::expression::{Expression, Kind};
-use super::function::{Function, Wanted};
+use super::function::{Function, Wanted, framed};
 use super::message::{Told, quoted};
 use super::names::Names;
 use crate::recording::{Leaf, Method, Node, Note, Operation, Tape};
@@ -171,7 +171,7 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
             function.comment(target.source);
         }
     }
-    framed(head, &function.lines())
+    framed((head.what, head.declaration), &function.lines())
 }
 
 /// Reads what the wanted nodes are made of into names.
@@ -212,20 +212,4 @@ fn say(unit: &Unit, note: &Note, told: &Told, condition: &str, values: &[String]
     }
     function.whole_line(&format!("    {given}{}, {array}, {});", quoted(&told.text), values.len()));
     function.line("}");
-}
-
-/// A function with its declaration; what it doesn't use of its parameters is left alone.
-fn framed(head: &Head, lines: &str) -> String {
-    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let parameters = head.declaration.split_once('(').map_or("", |(_, parameters)| parameters.trim_end_matches(')'));
-    let names = parameters.split(", ").map(|parameter| parameter.rsplit([' ', '*']).next().unwrap_or_default());
-    let code: Vec<&str> = lines.lines().map(|line| line.split("/*").next().unwrap_or_default()).collect();
-    // Texts within quotes are every other piece.
-    let words = |line: &str| {
-        line.split('"').step_by(2).flat_map(|code| code.split(|c| !is_word(c))).map(str::to_owned).collect::<Vec<_>>()
-    };
-    let used: std::collections::HashSet<String> = code.into_iter().flat_map(words).collect();
-    let is_used = |name: &&str| used.contains(*name);
-    let unused: String = names.filter(|name| !is_used(name)).map(|name| format!("    (void){name};\n")).collect();
-    format!("/* {} */\n{}\n{{\n{unused}{lines}}}\n\n", head.what, head.declaration)
 }

@@ -325,3 +325,25 @@ impl Function<'_> {
         Expression::atom(name, kind)
     }
 }
+
+/// A function, with a comment and its declaration; parameters that it doesn't use are marked.
+pub fn framed((what, declaration): (&str, &str), lines: &str) -> String {
+    let parameters = declaration.split_once('(').map_or("", |(_, parameters)| parameters.trim_end_matches(')'));
+    let names = parameters.split(", ").map(|parameter| parameter.rsplit([' ', '*']).next().unwrap_or_default());
+    // Texts within quotes are every other piece.
+    let code = lines.lines().flat_map(|line| line.split("/*").next().unwrap_or_default().split('"').step_by(2));
+    let code: Vec<&str> = code.collect();
+    let is_used = |name: &&str| code.iter().any(|piece| has_word(piece, name));
+    let unused: String = names.filter(|name| !is_used(name)).map(|name| format!("    (void){name};\n")).collect();
+    format!("/* {what} */\n{declaration}\n{{\n{unused}{lines}}}\n\n")
+}
+
+/// True if a piece of C has a word that isn't a member of a struct.
+fn has_word(code: &str, word: &str) -> bool {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    code.match_indices(word).any(|(at, _)| {
+        let (before, behind) = (&code[..at], &code[at + word.len()..]);
+        let is_member = before.ends_with("->") || before.ends_with('.');
+        !is_member && !before.ends_with(is_part) && !behind.starts_with(is_part)
+    })
+}

@@ -74,8 +74,8 @@ fn known(variables: &Variables, size: usize, real: bool) -> Vec<bool> {
     known
 }
 
-/// Where the equations of reals are from.
-fn sources(variables: &Variables, size: usize) -> Vec<&'static str> {
+/// The sources of the equations of reals, by their places.
+pub(crate) fn sources(variables: &Variables, size: usize) -> Vec<&'static str> {
     let mut sources = vec![""; size];
     let equations =
         variables.iter().filter(|v| matches!(v.section, Section::Signal | Section::Derivative) && v.is_real());
@@ -86,7 +86,7 @@ fn sources(variables: &Variables, size: usize) -> Vec<&'static str> {
 }
 
 /// Names of all that lies in the block: of reals, or of integers.
-fn names(variables: &Variables, real: bool) -> Vec<String> {
+pub(crate) fn names(variables: &Variables, real: bool) -> Vec<String> {
     let size = if real { variables.reals(Section::Memory).end } else { variables.integers(Section::Memory).end };
     let mut names = vec![String::new(); size];
     for element in variables.iter().filter(|variable| variable.is_real() == real).flat_map(|v| v.elements()) {
