@@ -25,7 +25,7 @@ from ._program import program
 from ._result import Result
 from ._studies import Explored, compare, explore, league, report, validate
 from ._sweep import Sweep
-from ._units import export, fmus, kinds, linearise, loops, new, simulate
+from ._units import export, firmware, fmus, kinds, linearise, loops, new, simulate
 
 __all__ = [
     "ArgumentError",
@@ -49,6 +49,7 @@ __all__ = [
     "estimate",
     "explore",
     "export",
+    "firmware",
     "fmus",
     "identify",
     "kinds",

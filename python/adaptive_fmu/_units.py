@@ -124,6 +124,45 @@ def export(
     return [Path(file) for file in [*told["fmus"], *told.get("ssps", [])]]
 
 
+def firmware(
+    *names: PathLike,
+    out: PathLike = "firmware",
+    period: float | None = None,
+    substeps: int | None = None,
+    loop: PathLike | None = None,
+    fallback: str = "hold",
+    calibrate: Sequence[str] | None = None,
+    values: PathLike | None = None,
+) -> list[Path]:
+    """Write controllers as C for embedded targets, with test vectors, and return the paths of the files.
+
+    names: controllers of this package, or description files (NAME.toml).
+    out: folder for the files. Default: "firmware".
+    period: time between two calls, s. Default: the sample time of the controller, or the step size of its description.
+    substeps: Runge-Kutta steps in each call. Default: as many as the controller needs in its loop.
+    loop: loop in which these are found and the test vectors are recorded. Default: the first example with this controller.
+    fallback: outputs where a step is refused: "hold" (those before), "zero", or "manual". Default: "hold".
+    calibrate: names of the parameters that can change while it runs, without indices. Default: all that allow it.
+    values: parameter set (.ssv) with start values; exactly one controller must be named.
+
+    Raises `Error` if a controller does not exist or can't be written so, and `ArgumentError` if none is named.
+
+    >>> import adaptive_fmu
+    >>> [file.name for file in adaptive_fmu.firmware("L1SampledTwoLinkRobot", out=folder)]
+    ['L1SampledTwoLinkRobot.h', 'L1SampledTwoLinkRobot.c', 'L1SampledTwoLinkRobot_replay.c', 'CMakeLists.txt']
+    """
+    if not names:
+        raise ArgumentError("firmware() was called without a controller. Name one of this package, or a description file")
+    request = ["export", "--firmware", f"--out={os.fspath(out)}", "--json", f"--fallback={fallback}"]
+    request += [f"--period={number(period)}"] if period is not None else []
+    request += [f"--substeps={substeps}"] if substeps is not None else []
+    request += [f"--loop={os.fspath(loop)}"] if loop is not None else []
+    request += ["--calibrate=" + ",".join(calibrate)] if calibrate is not None else []
+    request += [f"--values={os.fspath(values)}"] if values is not None else []
+    told = done([*request, "--", *(os.fspath(name) for name in names)]).json()
+    return [Path(file) for file in told["files"]]
+
+
 def new(
     kind: str,
     file: PathLike,

@@ -97,7 +97,7 @@ class Laws:
         return inputs[1:]
 
     def firmware(self, name: str, steps: int, *options: str) -> Path:
-        """A law for a target, with so many Runge-Kutta steps in a period: the folder of its two files."""
+        """A law for a target, with so many Runge-Kutta steps in a period: the folder of its files."""
         folder = self.folder / f"{name} {steps} {' '.join(options)}"
         if not folder.exists():
             exported = adaptive_fmu("export", "--firmware", name, "--substeps", str(steps), *options, "--out", folder)

@@ -68,10 +68,16 @@ def test_a_law_gives_what_its_fmu_gives_with_the_same_steps(name: str, laws: Law
     law = Law(laws.firmware(name, SUBSTEPS), name)
     reference = Reference(fmu(name), law)
     drawn = signals(fmu(name), reference.inputs, Random(f"{name} {NUMBER}"))
+    near = [law.step([value * (1 + 2.3e-16) for value in drawn(k * law.period)])[1] for k in range(60)]
+    law.c.law_init()
     for k in range(60):
         inputs = drawn(k * law.period)
         status, given = law.step(inputs)
         assert status & law.bits["REFUSED"] == 0, (k, status)
+        # Inputs that no plant has may ask for more substeps: then the law itself amplifies a rounding of its inputs.
+        if any(abs(one - other) > 1e-12 * max(1.0, abs(other)) for one, other in zip(near[k], given, strict=True)):
+            assert k >= 20, (near[k], given)
+            break
         assert_same(given, reference.step(inputs), k)
     reference.unit.free()
 
@@ -135,6 +141,40 @@ def test_a_manual_control_keeps_to_the_limits_where_a_step_is_refused(laws: Laws
         assert law.c.law_enable(1, law.numbers("manual", [-3.0, 4.0]))
         _, given = law.step([math.nan] * 6)
         assert given == ([-3.0, 4.0] if options else [-2.0, 1.5])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_control_at_its_limit_is_told(name: str, laws: Laws, fmu) -> None:
+    law = Law(laws.firmware(name, SUBSTEPS), name)
+    members = law.members["parameters"]
+    if not {"u_min", "u_max"} <= members.keys() or re.search(r"^    (?:bool|int32_t) \w+;.*\n", parameters_of(law.header), re.M):
+        pytest.skip("it has no limits that are parameters among real numbers")
+    places = {member: sum(list(members.values())[:k]) for k, member in enumerate(members)}
+    values = law.numbers("parameters")
+    law.c.law_defaults(values)
+    inputs = Reference(fmu(name), law).inputs
+    drawn = signals(fmu(name), inputs, Random(f"limits {name} {NUMBER}"))
+    names = list(law.members["outputs"])
+    first = sum(law.members["outputs"][one] for one in names[: names.index("u")])
+    free = [law.step(drawn(k * law.period)) for k in range(20)]
+    sizes = [max(abs(given[first + k]) for _, given in free) for k in range(members["u_min"])]
+    assert not any(status & law.bits["LIMITED"] for status, _ in free), "limits that are far away"
+    for k, size in enumerate(sizes):
+        values[places["u_min"] + k], values[places["u_max"] + k] = -0.5 * size - 1e-9, 0.5 * size + 1e-9
+    law.c.law_init()
+    assert law.c.law_calibrate(values) == 0
+    told = []
+    for k in range(20):
+        status, given = law.step(drawn(k * law.period))
+        at_limit = any(abs(given[first + i]) >= 0.5 * size + 1e-9 for i, size in enumerate(sizes))
+        assert bool(status & law.bits["LIMITED"]) == at_limit, (k, given, sizes)
+        told.append(at_limit)
+    assert any(told) or not any(sizes)
+
+
+def parameters_of(header: str) -> str:
+    """The members of the struct of parameters."""
+    return re.search(r"typedef struct {\n([^}]*)} \w+_parameters;", header)[1]
 
 
 @pytest.mark.parametrize("name", ["L1TwoLinkRobot", "L1SampledTwoLinkRobot", "PidNonlinearSiso", "LadrcNonlinearSiso"])
@@ -372,3 +412,79 @@ def test_a_users_own_controller_of_a_foreign_plant_is_one_too(laws: Laws, tmp_pa
         assert status & law.bits["REFUSED"] == 0
         assert_same(given, reference.step(drawn(k * law.period)), k)
     reference.unit.free()
+
+
+def replayed(folder: Path, name: str, made: Path, *options: str) -> subprocess.CompletedProcess:
+    """Runs the program that replays a law's vectors."""
+    flags = [*WARNINGS, "-O2", "-ffp-contract=off", f"-I{folder}", f"-D{name}_REPLAY", *options]
+    built("gcc", *flags, folder / f"{name}.c", folder / f"{name}_replay.c", "-lm", "-o", made)
+    return subprocess.run([made], capture_output=True, text=True, check=False, timeout=60)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_vectors_of_a_law_are_replayed(name: str, laws: Laws, tmp_path: Path) -> None:
+    folder = laws.firmware(name, SUBSTEPS)
+    for options in ([], [f"-D{name}_FLOAT"]):
+        run = replayed(folder, name, tmp_path / "replay", *options)
+        told = re.search(rf"{name}: passed, (\d+) steps are apart by", run.stdout)
+        assert run.returncode == 0 and told, run.stdout
+        # With too few substeps for its loop this one only amplifies roundings.
+        assert int(told[1]) == 100 or name == "L1ActuatedSiso", run.stdout
+    # All files of a folder are compiled where the user's program has a main.
+    built("gcc", *WARNINGS, f"-I{folder}", "-c", folder / f"{name}_replay.c", "-o", tmp_path / "empty.o")
+
+
+def test_a_replay_finds_a_law_that_is_another(laws: Laws, tmp_path: Path) -> None:
+    name = "L1TwoLinkRobot"
+    for file in laws.firmware(name, 10).glob(f"{name}*.[ch]"):
+        shutil.copy(file, tmp_path)
+    text = (tmp_path / f"{name}.c").read_text()
+    # An adaptation gain that is a millionth larger.
+    changed = text.replace("self->p.adaptation_gain", "(self->p.adaptation_gain * R(1.000001))")
+    assert changed != text
+    (tmp_path / f"{name}.c").write_text(changed)
+    run = replayed(tmp_path, name, tmp_path / "replay")
+    assert run.returncode == 1 and f"{name}: failed" in run.stdout, run.stdout
+
+
+def test_vectors_are_of_the_loop_where_there_is_one(laws: Laws, tmp_path: Path) -> None:
+    name = "L1TwoLinkRobot"
+    laws.names.append(name)
+    laws.__post_init__()
+    expected = laws.inputs(name, "3.3.1-case1", 100)
+    text = (laws.firmware(name, 10) / f"{name}_replay.c").read_text()
+    rows = re.search(r"double replayed_inputs\[100\]\[(\d+)\] = \{\n(.*?)\n\};", text, re.DOTALL)
+    assert rows
+    found = [float(number) for number in re.findall(r"-?\d[\d.e+-]*", rows[2])]
+    for k, row in enumerate(expected.tolist()):
+        of_step = found[k * int(rows[1]) : (k + 1) * int(rows[1])]
+        assert_same(of_step, row, k, 1e-4)
+
+
+@pytest.mark.skipif(not shutil.which("cmake"), reason="there is no cmake")
+def test_cmake_builds_and_tests_all_controllers_of_a_folder(tmp_path: Path) -> None:
+    for names in (["PidNonlinearSiso"], ["L1TwoLinkRobot", "L1SampledTwoLinkRobot"]):
+        done = adaptive_fmu("export", "--firmware", *names, "--substeps", "8", "--out", tmp_path)
+        assert done.returncode == 0, done.stderr
+    for kind in ("OFF", "ON"):
+        for command in (["-S", tmp_path, "-B", tmp_path / kind, f"-DFLOAT={kind}"], ["--build", tmp_path / kind]):
+            done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False, timeout=120)
+            assert done.returncode == 0, done.stdout + done.stderr
+        tested = subprocess.run(["ctest"], cwd=tmp_path / kind, capture_output=True, text=True, check=False, timeout=60)
+        assert tested.returncode == 0 and "100% tests passed, 0 tests failed out of 3" in tested.stdout, tested.stdout
+    # The user's own stays.
+    (tmp_path / "CMakeLists.txt").write_text("# mine\n")
+    adaptive_fmu("export", "--firmware", "PidNonlinearSiso", "--substeps", "8", "--out", tmp_path)
+    assert (tmp_path / "CMakeLists.txt").read_text() == "# mine\n"
+
+
+def test_a_law_holds_its_inputs_where_its_fmu_ramps_them(tmp_path: Path) -> None:
+    (tmp_path / "ramps.ssv").write_text(
+        '<ParameterSet xmlns="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="1.0" name="ramps"><Parameters>'
+        '<Parameter name="input_handling"><Enumeration value="interpolate"/></Parameter></Parameters></ParameterSet>'
+    )
+    options = ["--substeps", "4", "--values", tmp_path / "ramps.ssv", "--out", tmp_path]
+    done = adaptive_fmu("export", "--firmware", "PidNonlinearSiso", *options)
+    assert done.returncode == 0, done.stderr
+    run = replayed(tmp_path, "PidNonlinearSiso", tmp_path / "replay")
+    assert run.returncode == 0, run.stdout

@@ -198,7 +198,7 @@ def test_a_library_of_ones_own_asks_for_an_old_glibc_and_exports_only_what_it_sh
     version = ".".join(map(str, glibc(library)))
     assert asked(mine["Ball"].path) == {"binaries/linux64/Ball.so": {"processor": "x86-64", "glibc": version}}
     symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
-    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "kernel_functions", "take_kernel", "has_kernel")}
+    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "firmware", "kernel_functions", "take_kernel", "has_kernel")}
     assert symbols == {f"fmi2{name}" for name in STANDARD} | own
 
 

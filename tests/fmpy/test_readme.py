@@ -24,6 +24,9 @@ RUN_ELSEWHERE = {
     "pip install .": ("tests/fmpy/test_pip.py", '"pip", "wheel", "."'),
     "adaptive-fmu run --all": ("tests/fmpy/test_run_all.py", '"run", "--all"'),
     "cargo doc --no-deps": (".ci/run", "cargo doc --release --no-deps"),
+    "cmake -S firmware -B build": ("tests/fmpy/test_firmware.py", '"cmake", *command'),
+    "cmake --build build": ("tests/fmpy/test_firmware.py", '"--build"'),
+    "ctest --test-dir build": ("tests/fmpy/test_firmware.py", '["ctest"]'),
     "benches/peers": ("tests/fmpy/test_peers.py", '"benches" / "peers", "--quick"'),
 }
 # A script that needs one of these is skipped where it isn't installed.

@@ -7,6 +7,10 @@
 #include <math.h>
 #include <string.h>
 
+#if defined(__FAST_MATH__)
+#error "-ffast-math takes away the checks of inputs and outputs for NaN and infinity"
+#endif
+
 #define READY 0x51a2b3c4u
 #define PERIOD 1e-4
 #define SUBSTEPS 10
@@ -15,7 +19,7 @@
 static const double a[2] = {90025.0, 160025.0}, d[2] = {600.0, 800.0};
 static const double PB[2][2] = {{5.554012766921314e-6, 0.0008333425900212408}, {3.124511795918399e-6, 0.0006250039056397407}};
 static const L1ByHand_parameters defaults = {
-    {-1e15, -1e15}, {1e15, 1e15}, {0.5, -2, -2, 0.5}, {10, 2, 2, 10}, 1e5, {30, 0, 0, 30}, {100, 100}, {10, 10}, 0.1, 0.13, 10};
+    {-1e15, -1e15}, {1e15, 1e15}, {0.5, -2, -2, 0.5}, {10, 2, 2, 10}, 1e5, {30, 0, 0, 30}, {100, 100}, {10, 10}, 0.1, {-1, -1}, 0.13};
 
 static double within(double v, double lo, double hi) { return v < lo ? lo : hi < v ? hi : v; }
 
@@ -105,41 +109,63 @@ static uint8_t in_layers(const L1ByHand *s, const L1ByHand_states *x)
     return (uint8_t)count;
 }
 
-static bool moves_far(L1ByHand_moves *m, const double *u, double limit)
-{
-    const bool has_left = m->count > 0;
-    bool counts = has_left;
-    double worst = 0;
-    for (int i = 0; i < 2; i++) {
-        const double now = fabs(u[i]), moved = fabs(u[i] - m->last[i]);
-        counts |= moved > 0;
-        m->last[i] = u[i];
-        if (has_left) m->farthest[i] = fmax(m->farthest[i], moved);
-        m->largest[i] = fmax(m->largest[i], now);
-        const bool grows = now > m->size[i] * 1.1;
-        m->since[i] = grows ? 0 : m->since[i] + 1;
-        if (grows) m->size[i] = now;
-    }
-    m->count += counts;
-    for (int i = 0; i < 2; i++) {
-        const double wait = fmin(fmax(m->count - m->since[i], 20), 1000);
-        if (m->since[i] >= wait && m->largest[i] > 0) worst = fmax(worst, m->farthest[i] / m->largest[i]);
-    }
-    return worst > limit;
-}
-
 bool L1ByHand_calibrate(L1ByHand *s, const L1ByHand_parameters *p)
 {
     const double *all = (const double *)p;
     for (unsigned k = 0; k < sizeof *p / sizeof *all; k++) if (!isfinite(all[k])) return false;
-    for (int i = 0; i < 2; i++) if (!(p->u_min[i] < p->u_max[i] && p->theta_bound[i] >= 0 && p->sigma_bound[i] >= 0)) return false;
+    for (int i = 0; i < 2; i++) {
+        const double T_t = p->tracking_time[i];
+        if (!(p->u_min[i] >= -1e15 && p->u_min[i] < p->u_max[i] && p->u_max[i] <= 1e15)) return false;
+        if (!(p->theta_bound[i] >= 0 && p->sigma_bound[i] >= 0 && (T_t == -1 || T_t == 0 || T_t >= 1e-9))) return false;
+    }
     for (int k = 0; k < 4; k++) if (!(p->omega_min[k] <= p->omega_max[k])) return false;
-    if (!(p->gamma > 0 && p->epsilon > 0 && p->move_limit > 0 && p->phase_limit > 0)) return false;
+    if (!(p->gamma > 0 && p->epsilon > 0 && p->epsilon <= 10 && p->move_limit > 0)) return false;
     s->p = *p;
-    for (int i = 0; i < 2; i++) s->antiwindup[i] = fabs(p->K[i]) + fabs(p->K[i + 2]);
+    for (int i = 0; i < 2; i++) {
+        const double T_t = p->tracking_time[i];
+        s->antiwindup[i] = T_t > 0 ? 1 / T_t : T_t == 0 ? 0 : fabs(p->K[i]) + fabs(p->K[i + 2]);
+    }
     s->follow = sqrt(p->K[0] * p->K[0] + p->K[1] * p->K[1] + p->K[2] * p->K[2] + p->K[3] * p->K[3]) / 1.4142135623730951;
-    for (int k = 0; k < 4; k++) s->x.omega[k] = within(s->x.omega[k], p->omega_min[k], p->omega_max[k]);
+    s->calibrated = true;
     return true;
+}
+
+bool L1ByHand_enable(L1ByHand *s, bool enabled, const double *manual)
+{
+    if (!isfinite(manual[0]) || !isfinite(manual[1])) return false;
+    s->enabled = enabled;
+    memcpy(s->manual, manual, sizeof s->manual);
+    return true;
+}
+
+void L1ByHand_reset(L1ByHand *s)
+{
+    memset(&s->x, 0, sizeof s->x);
+    memset(&s->moves, 0, sizeof s->moves);
+    memset(s->last, 0, sizeof s->last);
+    s->refused = 0;
+    s->started = s->too_long = s->calibrated = false;
+    s->active = true;
+    s->at_bounds = 0;
+}
+
+/* Estimates within bounds that were tightened. */
+static void bring_within_bounds(const L1ByHand_parameters *p, L1ByHand_states *x)
+{
+    for (int k = 0; k < 4; k++) x->omega[k] = within(x->omega[k], p->omega_min[k], p->omega_max[k]);
+    for (int i = 0; i < 2; i++) {
+        x->theta[i] = within(x->theta[i], -p->theta_bound[i], p->theta_bound[i]);
+        x->sigma[i] = within(x->sigma[i], -p->sigma_bound[i], p->sigma_bound[i]);
+    }
+}
+
+/* u_ad with which the control stays where the manual one is. */
+static void take_over(const L1ByHand *s, const L1ByHand_inputs *in, L1ByHand_states *x)
+{
+    memcpy(x->x_hat, in->x, sizeof x->x_hat);
+    for (int i = 0; i < 2; i++) {
+        x->u_ad[i] = within(s->manual[i], s->p.u_min[i], s->p.u_max[i]) + (a[i] * in->x[i] + d[i] * in->x[i + 2]);
+    }
 }
 
 void L1ByHand_init(L1ByHand *s)
@@ -153,14 +179,24 @@ void L1ByHand_init(L1ByHand *s)
 uint32_t L1ByHand_step(L1ByHand *s, const L1ByHand_inputs *in, L1ByHand_outputs *out)
 {
     const double *given = (const double *)in;
-    bool sound = s->ready == READY;
+    if (s->ready != READY) {
+        memset(out, 0, sizeof *out);
+        return L1ByHand_REFUSED;
+    }
+    bool sound = true;
+    const bool was_active = s->active;
     for (unsigned k = 0; k < sizeof *in / sizeof *given; k++) sound = sound && isfinite(given[k]);
     L1ByHand_states x = s->x;
     if (sound) {
         if (!s->started) {
             memcpy(x.x_hat, in->x, sizeof x.x_hat);
             x.omega[0] = x.omega[3] = 1;
+            for (int k = 0; k < 4; k++) sound = sound && s->p.omega_min[k] <= x.omega[k] && x.omega[k] <= s->p.omega_max[k];
+            if (!s->enabled) take_over(s, in, &x);
+        } else if (s->enabled && !s->active) {
+            take_over(s, in, &x);
         }
+        if (s->calibrated) bring_within_bounds(&s->p, &x);
         s->active = s->enabled;
         integrate(s, in, &x);
         const double *state = (const double *)&x;
@@ -172,16 +208,20 @@ uint32_t L1ByHand_step(L1ByHand *s, const L1ByHand_inputs *in, L1ByHand_outputs 
         sound = fabs(u[0]) <= 1e12 && fabs(u[1]) <= 1e12;
     }
     if (!sound) {
+        s->active = was_active;
         s->refused += s->refused < UINT32_MAX;
         memcpy(out->u, s->last, sizeof out->u);
         return L1ByHand_REFUSED;
     }
     s->x = x;
     s->started = true;
+    s->calibrated = false;
+    if (!s->active) memset(&s->moves, 0, sizeof s->moves);
     s->at_bounds = in_layers(s, &x);
-    s->too_long = moves_far(&s->moves, u, s->p.move_limit);
+    s->too_long = s->active && moves_far(&s->moves, u, s->p.move_limit);
     memcpy(s->last, u, sizeof u);
     memcpy(out->u, u, sizeof u);
-    return (u[0] != unlimited[0] || u[1] != unlimited[1] ? L1ByHand_LIMITED : 0) | (s->too_long ? L1ByHand_STEP_TOO_LONG : 0) |
-           (s->at_bounds ? L1ByHand_PROJECTION_ACTIVE : 0);
+    bool limited = false;
+    for (int i = 0; i < 2; i++) limited = limited || u[i] <= s->p.u_min[i] || u[i] >= s->p.u_max[i];
+    return (limited ? L1ByHand_LIMITED : 0) | (s->too_long ? L1ByHand_STEP_TOO_LONG : 0) | (s->at_bounds ? L1ByHand_PROJECTION_ACTIVE : 0);
 }

@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use crate::console;
-use adaptive_fmu::analysis::substeps;
-use adaptive_fmu::error::Error;
+use adaptive_fmu::analysis::{InLoop, in_loop};
+use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
-use adaptive_fmu::fmi2::firmware::{Fallback, Options};
+use adaptive_fmu::fmi2::firmware::{Fallback, Options, Signals};
 use adaptive_fmu::model::Description;
+use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::structure::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
@@ -63,7 +64,7 @@ pub struct Arguments {
     /// The compiler is the command in CC [default: cc]. If it is not found, zig is used.
     #[arg(long, conflicts_with = "source_only")]
     compile: bool,
-    /// Write controllers as C for embedded targets, NAME.h and NAME.c, instead of FMUs (docs/firmware.md)
+    /// Write controllers as C for embedded targets, with test vectors, instead of FMUs (docs/firmware.md)
     #[arg(
         long,
         requires = "names",
@@ -76,8 +77,8 @@ pub struct Arguments {
     /// Runge-Kutta steps in each call of the firmware [default: as many as it needs in its loop]
     #[arg(long, value_name = "N", requires = "firmware")]
     substeps: Option<u32>,
-    /// Loop in which the number of these steps is found [default: the first example with this FMU]
-    #[arg(long = "loop", value_name = "LOOP", requires = "firmware", conflicts_with = "substeps")]
+    /// Loop in which the number of these steps is found and the test vectors are recorded [default: the first example with this FMU]
+    #[arg(long = "loop", value_name = "LOOP", requires = "firmware")]
     in_loop: Option<String>,
     /// Outputs of the firmware where a step is refused: those before (hold), zeros, or the manual control
     #[arg(long, value_name = "hold|zero|manual", requires = "firmware", default_value = "hold")]
@@ -163,9 +164,19 @@ impl Arguments {
                 Some(values) => with_values(source, values, library)?,
                 None => source,
             };
-            let substeps = self.substeps.map_or_else(|| self.found_substeps(&source, library), Ok)?;
-            let options = Options { period: self.period, substeps, fallback, calibrate: calibrate.clone() };
-            files.extend(exporter::export_firmware(&source, library, &options, &self.out)?);
+            let calibrate = calibrate.clone();
+            let mut options = Options { period: self.period, fallback, calibrate, ..Options::default() };
+            options.substeps = self.substeps.unwrap_or(options.substeps);
+            options.check().map_err(|invalid| Error::Argument(Invalid::because(format!("{name}: {invalid}"))))?;
+            let InLoop { substeps, signals, .. } = self.in_loop(&source, library)?;
+            options.substeps = substeps;
+            options.signals = (!signals.is_empty()).then_some(signals);
+            for file in exporter::export_firmware(&source, library, &options, &self.out)? {
+                // Controllers share a file that builds them.
+                if !files.contains(&file) {
+                    files.push(file);
+                }
+            }
         }
         if self.json {
             say!("{}", json!({ "files": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
@@ -175,15 +186,16 @@ impl Arguments {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// As many Runge-Kutta steps as a law needs in its loop.
-    fn found_substeps(&self, source: &Source, library: &Library) -> Result<u32, Error> {
-        let described = library.describe(Some(source))?.unit;
-        if described.is_some_and(|unit| !unit.model_description.contains("\"integration_method\"")) {
-            return Ok(1);
-        }
+    /// The law in its loop: as many Runge-Kutta steps as it needs there, where their number isn't given, and its signals.
+    fn in_loop(&self, source: &Source, library: &Library) -> Result<InLoop, Error> {
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
         let described = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
-        let (name, step) = (&described.name, self.period.unwrap_or(described.experiment.step));
+        let name = &described.name;
+        let unit = library.describe(Some(source))?.unit;
+        let unit = unit.map(|unit| ModelDescription::read(&unit.model_description)).transpose().map_err(refuse)?;
+        let start = |name: &str| unit.as_ref()?.variable(name)?.start.as_ref()?.parse::<f64>().ok();
+        let sampled = start("sample_time").filter(|time| *time > 0.0);
+        let step = self.period.or(sampled).unwrap_or(described.experiment.step);
         let examples = || exporter::loops().iter().map(|(name, _)| *name);
         let loops: Vec<&str> = self.in_loop.as_deref().map_or_else(|| examples().collect(), |name| vec![name]);
         for name_of_loop in loops {
@@ -191,18 +203,23 @@ impl Arguments {
             let Some(component) = structure.components.iter().find(|component| component.fmu == *name) else {
                 continue;
             };
-            let found = substeps(&structure, component, step, &*super::ready::units()?)?;
-            remark!("{name}: {found} Runge-Kutta steps in {step} s, as {name_of_loop} needs them");
+            let found = in_loop(&structure, component, (step, self.substeps), &*super::ready::units()?)?;
+            if self.substeps.is_none() && found.integrates {
+                remark!("{name}: {} Runge-Kutta steps in {step} s, as {name_of_loop} needs them", found.substeps);
+            }
             return Ok(found);
         }
-        let reason = match &self.in_loop {
-            Some(name_of_loop) => format!("{name_of_loop} has no component of {name}"),
-            None => format!(
+        if let Some(name_of_loop) = &self.in_loop {
+            return Err(refuse(format!("{name_of_loop} has no component of {name}")));
+        }
+        let integrates = unit.is_none_or(|unit| unit.variable("integration_method").is_some());
+        match self.substeps {
+            None if integrates => Err(refuse(format!(
                 "no example has {name}: --loop LOOP names the loop in which the number of Runge-Kutta steps is found (`adaptive-fmu \
                  new loop` writes one), or --substeps N gives it"
-            ),
-        };
-        Err(refuse(reason))
+            ))),
+            asked => Ok(InLoop { substeps: asked.unwrap_or(1), integrates, signals: Signals::new() }),
+        }
     }
 
     /// What the FMUs are to hold.

@@ -1,6 +1,8 @@
 //! A library's description of itself for the exporter: the XML comes from the very library that is packed, so a stale
 //! library can't meet a new description.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::Invalid;
@@ -70,7 +72,7 @@ enum Reply {
     #[serde(rename = "source")]
     Source(Box<SourceUnit>),
     #[serde(rename = "firmware")]
-    Firmware([(String, String); 2]),
+    Firmware(Vec<(String, String)>),
     #[serde(rename = "kernel")]
     Kernel(Box<Functions>),
     #[serde(rename = "failure")]
@@ -128,13 +130,10 @@ pub fn source(description: Option<&str>, library: Library) -> String {
 
 /// The reply, as JSON, to a [`FirmwareRequest`]: the controller as C for a target.
 pub fn firmware(request: Option<&str>, library: Library) -> String {
-    let made = || -> Result<[(String, String); 2], Invalid> {
+    let made = || -> Result<Vec<(String, String)>, Invalid> {
         let request: FirmwareRequest = serde_json::from_str(request.unwrap_or_default()).map_err(Invalid::because)?;
         let model = Model::from_description(Description::read(&request.description)?, library.registry)?;
-        let files = firmware::files(&model, &request.options)?;
-        // A law that can't start from its own start values is not worth a target.
-        Execution::new(model).initialise().map_err(Invalid::because)?;
-        Ok(files)
+        firmware::files(&Arc::new(model), &request.options)
     };
     made().map_or_else(|invalid| failure(&invalid.to_string()), |files| write(&Reply::Firmware(files)))
 }
@@ -183,7 +182,7 @@ pub fn read_source(reply: &str) -> Result<Result<SourceUnit, String>, String> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_firmware(reply: &str) -> Result<Result<[(String, String); 2], String>, String> {
+pub fn read_firmware(reply: &str) -> Result<Result<Vec<(String, String)>, String>, String> {
     match serde_json::from_str(reply) {
         Ok(Reply::Firmware(files)) => Ok(Ok(files)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),

@@ -37,6 +37,10 @@ impl Tape {
             Operation::Unary(Unary::Neg, of) => Some(*of),
             _ => None,
         };
+        let opposite = |node: Node| match self.operation(node) {
+            Operation::Not(of) => Some(*of),
+            _ => None,
+        };
         let twice = |node: Node| match self.operation(node) {
             Operation::Binary(Binary::Add, a, b) if a == b => Some(*a),
             _ => None,
@@ -53,6 +57,7 @@ impl Tape {
             Operation::Binary(Binary::Mul | Binary::Div, a, b) if is(b, -1.0) => {
                 self.simplified(Operation::Unary(Unary::Neg, a))
             }
+            Operation::Not(a) if opposite(a).is_some() => opposite(a).unwrap_or(a),
             Operation::Unary(Unary::Neg, a) if negated(a).is_some() => negated(a).unwrap_or(a),
             Operation::Binary(Binary::Add, a, b) => match (negated(a), negated(b)) {
                 (_, Some(b)) => self.simplified(Operation::Binary(Binary::Sub, a, b)),

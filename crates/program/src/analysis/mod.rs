@@ -14,6 +14,6 @@ mod trim;
 
 pub use linearise::{Linearisation, Quantity, linearise};
 pub use operating_point::{Method, OperatingPoint};
-pub use substeps::substeps;
+pub use substeps::{InLoop, in_loop};
 pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};
 pub use trim::{AtBound, Trim, Wanted};

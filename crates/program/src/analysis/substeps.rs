@@ -1,10 +1,12 @@
-//! The number of Runge-Kutta steps that a law needs in a period, on a target that takes a fixed number of them.
+//! A law in its loop, as a target runs it: the Runge-Kutta steps that it needs in a period, and the signals that it reads.
 
 use std::sync::Arc;
 
 use crate::error::{Error, Invalid};
+use crate::fmi2::firmware::{Signals, VECTORS};
 use crate::fmu::{Fmu, Ready, Value};
 use crate::integrator::IntegrationMethod;
+use crate::model_description::Affine;
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Component, Settings, Structure};
 use crate::system::Choice;
@@ -16,56 +18,120 @@ const MOST: u32 = 4096;
 /// Periods in which they are.
 const PERIODS: f64 = 2000.0;
 
-/// The fewest steps of 1, 2, 4 … with which a component of a loop gives what it gives with twice as many, to 1e-3 of its largest
-/// output, in the first 2,000 periods (s) of its loop. 1 of a component without states.
+/// A law in its loop: the Runge-Kutta steps that it needs in a period, and the signals that it reads there.
+#[derive(Debug)]
+pub struct InLoop {
+    /// Runge-Kutta steps; 1 of a law that integrates nothing.
+    pub substeps: u32,
+    /// True if it integrates anything.
+    pub integrates: bool,
+    /// The signals of its inputs that are connected, a value a period.
+    pub signals: Signals,
+}
+
+/// A component of a loop with so many Runge-Kutta steps in a period (s), or the fewest of 1, 2, 4 … with which it gives what it
+/// gives with twice as many, to 1e-3 of its largest output, in the first 2,000 periods of the loop.
 ///
 /// # Errors
 /// When the loop can't be run, or 4096 steps aren't enough.
-pub fn substeps(structure: &Structure, component: &Component, period: f64, units: &Ready) -> Result<u32, Error> {
-    let fmu = |unit: &Component| -> Result<Arc<Fmu>, Error> { units.fmu(&structure.description_of(&unit.fmu)?) };
-    let loaded = LoadedLoop::of(structure, fmu)?;
-    let place = |name: &str| loaded.variable(&format!("{}.{name}", component.name)).map(|(place, _)| place);
-    let Some((method, steps)) = place("integration_method").zip(place("fixed_steps")) else { return Ok(1) };
-    let prefix = format!("{}.", component.name);
-    let is_output = |(name, _, variable): &(String, Place, &crate::model_description::Variable)| {
-        name.starts_with(&prefix)
-            && variable.causality == "output"
-            && variable.kind == "Real"
-            && variable.variability == "continuous"
+pub fn in_loop(
+    structure: &Structure,
+    component: &Component,
+    (period, asked): (f64, Option<u32>),
+    units: &Ready,
+) -> Result<InLoop, Error> {
+    let runs = Runs::of(structure, component, period, units)?;
+    let substeps = match asked {
+        Some(asked) => asked,
+        None if runs.method.is_none() => 1,
+        None => runs.fewest()?,
     };
-    let outputs: Vec<String> = loaded.variables().filter(is_output).map(|(name, ..)| name).collect();
-    let stop_time = structure.stop_time.min(PERIODS * period);
-    let settings = Settings { start_time: 0.0, stop_time, step: period, order: structure.order };
-    let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed);
-    let fixed = Value::Integer(fixed.map_or(0, |place| place as i32 + 1));
-    let run = |count: u32| -> Result<Vec<Vec<f64>>, Error> {
-        let start = [(method, fixed.clone()), (steps, Value::Integer(count as i32))];
-        let closed = loaded.instantiate_with(&start)?;
-        let places: Vec<usize> =
-            outputs.iter().filter_map(|name| closed.names().iter().position(|known| known == name)).collect();
-        let mut rows = Vec::new();
-        closed.watch(settings, &[], |_, row| {
-            rows.push(places.iter().map(|&place| row[place]).collect::<Vec<f64>>());
-            true
-        })?;
-        Ok(rows)
-    };
-    let (mut count, mut coarse) = (1, run(1));
-    while count <= MOST {
-        let fine = run(2 * count);
-        // With too few steps a law may leave any range.
-        if let (Ok(coarse), Ok(fine)) = (&coarse, &fine)
-            && are_same(coarse, fine)
-        {
-            return Ok(count);
-        }
-        (count, coarse) = (2 * count, fine);
+    let sources = runs.loaded.sources(&component.name);
+    let names: Vec<String> = sources.iter().map(|(_, signal, _)| signal.clone()).collect();
+    // Up to where it fails, should it do so with these steps.
+    let (rows, _) = runs.rows(substeps, &names, VECTORS as f64 * period);
+    // The values at the end of a step: those that a law reads which is stepped last.
+    let column =
+        |k: usize, on_the_way: Affine| rows.iter().skip(1).map(|row| on_the_way.of(row[k])).collect::<Vec<f64>>();
+    let columns = sources.into_iter().enumerate().map(|(k, (input, _, on_the_way))| (input, column(k, on_the_way)));
+    let is_known = |column: &[f64]| !column.is_empty() && column.iter().all(|value| value.is_finite());
+    let signals = columns.filter(|(_, column)| is_known(column)).collect();
+    Ok(InLoop { substeps, integrates: runs.method.is_some(), signals })
+}
+
+/// Runs of a loop with a component that takes fixed steps.
+struct Runs {
+    loaded: LoadedLoop,
+    settings: Settings,
+    /// The component's variables that choose method and number of steps; nothing where it integrates nothing.
+    method: Option<[Place; 2]>,
+    outputs: Vec<String>,
+    fmu: String,
+}
+
+impl Runs {
+    fn of(structure: &Structure, component: &Component, period: f64, units: &Ready) -> Result<Self, Error> {
+        let fmu = |unit: &Component| -> Result<Arc<Fmu>, Error> { units.fmu(&structure.description_of(&unit.fmu)?) };
+        let loaded = LoadedLoop::of(structure, fmu)?;
+        let place = |name: &str| loaded.variable(&format!("{}.{name}", component.name)).map(|(place, _)| place);
+        let method = place("integration_method").zip(place("fixed_steps")).map(|(method, steps)| [method, steps]);
+        let prefix = format!("{}.", component.name);
+        let is_output = |(name, _, variable): &(String, Place, &crate::model_description::Variable)| {
+            name.starts_with(&prefix)
+                && variable.causality == "output"
+                && variable.kind == "Real"
+                && variable.variability == "continuous"
+        };
+        let outputs = loaded.variables().filter(is_output).map(|(name, ..)| name).collect();
+        let settings =
+            Settings { start_time: 0.0, stop_time: structure.stop_time, step: period, order: structure.order };
+        Ok(Runs { loaded, settings, method, outputs, fmu: component.fmu.clone() })
     }
-    coarse?;
-    let reason = format!(
-        "its outputs still change with {MOST} Runge-Kutta steps in {period} s. Give a shorter --period, or --substeps N"
-    );
-    Err(Error::Argument(Invalid::because(format!("{}: {reason}", component.fmu))))
+
+    /// Signals at each point of a run, for so long at most, s; no number where the loop has no such signal. They end where the
+    /// run fails.
+    fn rows(&self, count: u32, signals: &[String], duration: f64) -> (Vec<Vec<f64>>, Result<(), Error>) {
+        let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed);
+        let values = [fixed.map_or(0, |place| place as i32 + 1), count as i32].map(Value::Integer);
+        let start: Vec<_> = self.method.into_iter().flatten().zip(values).collect();
+        let mut rows = Vec::new();
+        let mut run = || {
+            let closed = self.loaded.instantiate_with(&start)?;
+            let places: Vec<Option<usize>> =
+                signals.iter().map(|name| closed.names().iter().position(|known| known == name)).collect();
+            let settings = Settings { stop_time: self.settings.stop_time.min(duration), ..self.settings };
+            closed.watch(settings, &[], |_, row| {
+                rows.push(places.iter().map(|place| place.map_or(f64::NAN, |place| row[place])).collect::<Vec<f64>>());
+                true
+            })
+        };
+        let ended = run();
+        (rows, ended)
+    }
+
+    fn fewest(&self) -> Result<u32, Error> {
+        let run = |count: u32| {
+            let (rows, ended) = self.rows(count, &self.outputs, PERIODS * self.settings.step);
+            ended.map(|()| rows)
+        };
+        let (mut count, mut coarse) = (1, run(1));
+        while count <= MOST {
+            let fine = run(2 * count);
+            // With too few steps a law may leave any range.
+            if let (Ok(coarse), Ok(fine)) = (&coarse, &fine)
+                && are_same(coarse, fine)
+            {
+                return Ok(count);
+            }
+            (count, coarse) = (2 * count, fine);
+        }
+        coarse?;
+        let (fmu, period) = (&self.fmu, self.settings.step);
+        let reason = format!(
+            "its outputs still change with {MOST} Runge-Kutta steps in {period} s. Give a shorter --period, or --substeps N"
+        );
+        Err(Error::Argument(Invalid::because(format!("{fmu}: {reason}"))))
+    }
 }
 
 /// True if all outputs are nearly the same.

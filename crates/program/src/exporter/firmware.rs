@@ -8,7 +8,12 @@ use crate::error::Error;
 use crate::fmi2::firmware::Options;
 use crate::output::Files;
 
-/// Writes the controller of a description into a folder as C for a target, `NAME.h` and `NAME.c`; their paths.
+/// Builds and tests all controllers of a folder.
+const BUILD: &str = include_str!("firmware.cmake");
+const BUILD_FILE: &str = "CMakeLists.txt";
+
+/// Writes the controller of a description into a folder as C for a target: `NAME.h`, `NAME.c`, `NAME_replay.c` with test vectors, and
+/// a CMakeLists.txt where there is none; their paths.
 ///
 /// # Errors
 /// For a description or options that are refused, or files that can't be written; nothing is left half.
@@ -18,7 +23,10 @@ pub fn export_firmware(
     options: &Options,
     out: &Path,
 ) -> Result<Vec<PathBuf>, Error> {
-    let files = library.firmware(source, options)?;
+    let mut files = library.firmware(source, options)?;
+    if !out.join(BUILD_FILE).exists() {
+        files.push((BUILD_FILE.to_owned(), BUILD.to_owned()));
+    }
     let mut written = Files::within(out, "")?;
     for (name, text) in &files {
         written.add(name, text)?;

@@ -175,11 +175,11 @@ impl Library {
         describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
-    /// The controller of a description as C for a target: NAME.h and NAME.c.
+    /// The controller of a description as C for a target: names and texts of files.
     ///
     /// # Errors
     /// As [`Library::source`], and for options that don't fit; for a library of an older version, which knows no firmware.
-    pub fn firmware(&self, description: &Source, options: &Options) -> Result<[(String, String); 2], Error> {
+    pub fn firmware(&self, description: &Source, options: &Options) -> Result<Vec<(String, String)>, Error> {
         let refuse = |reason: String| refused(description, &reason);
         let request = FirmwareRequest { description: description.text.clone(), options: options.clone() };
         let text = serde_json::to_string(&request).map_err(|error| Error::Library(error.to_string()))?;

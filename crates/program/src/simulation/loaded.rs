@@ -9,7 +9,7 @@ use super::port::signals;
 use super::recording::Recording;
 use crate::error::Error;
 use crate::fmu::{Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
-use crate::model_description::{ModelDescription, Variable};
+use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::near;
 use crate::structure::{Circles, Component, Event, Link, Structure, check};
 
@@ -120,6 +120,15 @@ impl LoadedLoop {
             let variable = fmu.description.place(name.strip_prefix(prefix)?)?;
             Some((Place { unit, variable }, &fmu.description.variables[variable]))
         })
+    }
+
+    /// The connected Real inputs of a unit: names, signals that they read, and what is made of these on the way.
+    pub fn sources(&self, name: &str) -> Vec<(String, String, Affine)> {
+        let variable = |(unit, variable): (usize, usize)| &self.units[unit].fmu.description.variables[variable];
+        let into =
+            self.links.iter().filter(|link| self.units[link.to.0].name == name && variable(link.to).kind == "Real");
+        let signal = |from: (usize, usize)| format!("{}{}", self.units[from.0].prefix, variable(from).name);
+        into.map(|link| (variable(link.to).name.clone(), signal(link.from), link.conversion)).collect()
     }
 
     /// Where its units come from, and how they run: a line a unit.

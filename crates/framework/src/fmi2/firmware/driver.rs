@@ -3,10 +3,11 @@
 use std::fmt::Write;
 
 use super::Fallback;
-use super::functions::Structs;
+use super::functions::{Structs, limits_of_control};
 use super::header::flags;
-use super::law::Law;
+use super::law::{Law, Recorded, leaves};
 use super::members::Member;
+use crate::recording::{Leaf, Node, Recording};
 use crate::system::{Data, Section};
 
 /// Tasks of a controller's driver.
@@ -25,6 +26,42 @@ pub(super) struct Driver {
     /// True if a calibration changes states or discrete values.
     pub has_changes: bool,
     pub counts_samples: bool,
+    /// Functions that read signals: these are computed before.
+    reads: Reads,
+}
+
+/// True for functions that read signals.
+#[derive(Debug)]
+struct Reads {
+    indicators: bool,
+    event: bool,
+    sample: bool,
+    changed: bool,
+}
+
+impl Reads {
+    fn of(law: &Law, structs: &Structs) -> Self {
+        let reads = |recording: &Recording, nodes: &[Node]| {
+            leaves(recording, nodes).iter().any(|leaf| match *leaf {
+                Leaf::Real(place) => structs.signals.access(place as usize, true).is_some(),
+                Leaf::Integer(place) => structs.signals.access(place as usize, false).is_some(),
+                _ => false,
+            })
+        };
+        let changes = |recording: &Recording| {
+            let (reals, integers) = law.changed(recording);
+            let nodes: Vec<Node> = reals.into_iter().chain(integers).map(|(_, node)| node).collect();
+            reads(recording, &nodes)
+        };
+        let Recorded { indicators, event, sample, parameters_changed, .. } = &law.recorded;
+        let results: Vec<Node> = law.indicators.iter().map(|&k| indicators.results[k]).collect();
+        Reads {
+            indicators: reads(indicators, &results),
+            event: changes(event),
+            sample: sample.as_ref().is_some_and(changes),
+            changed: changes(parameters_changed),
+        }
+    }
 }
 
 impl Driver {
@@ -53,7 +90,23 @@ impl Driver {
             has_changes: !(structs.parameters.is_empty() || reals.is_empty() && integers.is_empty()),
             counts_samples,
             counters,
+            reads: Reads::of(law, structs),
         }
+    }
+
+    /// The line that computes signals, where something reads them.
+    fn evaluate(&self, law: &Law, is_read: bool) -> String {
+        if self.has_signals && is_read {
+            format!("    §_evaluate({});\n", self.called(law, Writes::Signals, "x", "t"))
+        } else {
+            String::new()
+        }
+    }
+
+    /// The line that finds the sides of indicators anew.
+    fn find_sides(&self, law: &Law) -> String {
+        let called = self.called(law, Writes::Nothing, "x", "t");
+        self.evaluate(law, self.reads.indicators) + &format!("    d->indicator_sides = §_sides({called});\n")
     }
 
     /// Parameters of a function of the equations: those that there are, of which some may be written.
@@ -159,17 +212,14 @@ fn settle(law: &Law, driver: &Driver) -> String {
     if !driver.has_events {
         return String::new();
     }
-    let evaluate = if driver.has_signals {
-        format!("        §_evaluate({});\n", driver.called(law, Writes::Signals, "x", "t"))
-    } else {
-        String::new()
-    };
     let y = if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
+    let before = indented(&driver.evaluate(law, driver.reads.indicators));
+    let between = indented(&driver.evaluate(law, driver.reads.event && !driver.reads.indicators));
     format!(
-        "/* Handles events until nothing changes sides; not 0 where that doesn't end. Signals stand as they are then. */\nstatic int \
-         §_settle({y})\n{{\n    for (int k = 0; k < 8; k++) {{\n{evaluate}        const uint32_t sides = §_sides({});\n        if \
-         (sides == d->indicator_sides) {{\n            return 0;\n        }}\n        d->indicator_sides = sides;\n        §_event({});\n    }}\n    \
-         return 1;\n}}\n\n",
+        "/* Handles events until nothing changes sides; not 0 where that doesn't end. */\nstatic int \
+         §_settle({y})\n{{\n    for (int k = 0; k < 8; k++) {{\n{before}        const uint32_t sides = §_sides({});\n        if \
+         (sides == d->indicator_sides) {{\n            return 0;\n        }}\n        d->indicator_sides = \
+         sides;\n{between}        §_event({});\n    }}\n    return 1;\n}}\n\n",
         driver.called(law, Writes::Nothing, "x", "t"),
         driver.called(law, Writes::State, "x", "t")
     )
@@ -220,23 +270,18 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let state = |name: &str| format!("§_{name}({})", driver.called(law, Writes::State, "x", "t"));
     let refuses =
         |call: &str, bit: &str| format!("    if ({call} != 0) {{\n        return §_REFUSED | §_{bit};\n    }}\n");
-    let evaluate = if driver.has_signals {
-        format!("    §_evaluate({});\n", driver.called(law, Writes::Signals, "x", "t"))
-    } else {
-        String::new()
-    };
     let mut text = String::new();
     if law.reads_time {
         text += &format!("    real t = (real)self->steps * R({:?});\n", law.period);
     }
     let mut start = format!("    if (!self->started) {{\n{}", indented(&refuses(&state("start"), "INVALID")));
     if driver.has_events {
-        start += &indented(&evaluate);
-        start += &format!("        d->indicator_sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
+        start += &indented(&driver.find_sides(law));
     }
     text += &(start + "    }\n");
     if driver.has_changes {
-        text += &format!("    if (self->calibrated) {{\n        {};\n    }}\n", state("changed"));
+        let evaluate = indented(&driver.evaluate(law, driver.reads.changed));
+        text += &format!("    if (self->calibrated) {{\n{evaluate}        {};\n    }}\n", state("changed"));
     }
     if driver.has_events {
         text += &refuses(&state("settle"), "INVALID");
@@ -248,9 +293,9 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
         text += &format!("    t = (real)(self->steps + 1) * R({:?});\n", law.period);
     }
     if law.every > 0 {
-        text += &sampling(law, driver, &evaluate);
+        text += &sampling(law, driver);
     }
-    text += &evaluate;
+    text += &driver.evaluate(law, true);
     if !law.refusals(&law.recorded.check).is_empty() {
         let called = driver.called(law, Writes::Nothing, "x", "t");
         text += &refuses(&format!("§_check({called})"), "INVALID");
@@ -278,15 +323,14 @@ fn indented(lines: &str) -> String {
 }
 
 /// A sample, in every call or in every so many calls.
-fn sampling(law: &Law, driver: &Driver, evaluate: &str) -> String {
-    let mut sample = evaluate.to_owned();
+fn sampling(law: &Law, driver: &Driver) -> String {
+    let mut sample = driver.evaluate(law, driver.reads.sample);
     sample += &format!("    §_sample({});\n", driver.called(law, Writes::State, "x", "t"));
     if driver.counts_samples {
         sample += "    d->samples_taken++;\n";
     }
     if driver.has_events {
-        sample += evaluate;
-        sample += &format!("    d->indicator_sides = §_sides({});\n", driver.called(law, Writes::Nothing, "x", "t"));
+        sample += &driver.find_sides(law);
     }
     if law.every == 1 {
         return sample;
@@ -312,11 +356,14 @@ fn given(structs: &Structs) -> String {
 fn bits(law: &Law, structs: &Structs) -> String {
     let mut text = String::new();
     let at = |place: usize| structs.signals.access(place, true).map(|access| format!("y->{access}"));
-    let cut: Vec<String> = law
-        .limited()
-        .into_iter()
-        .filter_map(|(before, output)| Some(format!("{} != {}", at(before)?, at(output)?)))
-        .collect();
+    let pairs = law.limited().into_iter();
+    let mut cut: Vec<String> =
+        pairs.filter_map(|(before, output)| Some(format!("{} != {}", at(before)?, at(output)?))).collect();
+    for (to, place) in structs.outputs.reals() {
+        let limits = law.control(place).map_or([None, None], |k| limits_of_control(law, structs, k));
+        let beyond = limits.into_iter().zip(["<=", ">="]);
+        cut.extend(beyond.filter_map(|(limit, beyond)| Some(format!("out->{to} {beyond} {}", limit?))));
+    }
     if !cut.is_empty() {
         let _ = write!(text, "    if ({}) {{\n        status |= §_LIMITED;\n    }}\n", cut.join(" || "));
     }

@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::law::{ENABLED, Law, leaves};
+use super::law::{ENABLED, LIMITS, Law, leaves};
 use super::members::{Members, ascii};
-use crate::fmi2::source::expression::{Expression, Kind};
+use crate::fmi2::source::expression::{Expression, Kind, number};
 use crate::fmi2::source::function::{Function, framed};
 use crate::fmi2::source::names::Names;
 use crate::recording::{Leaf, Node, Recording};
@@ -94,6 +94,15 @@ pub(super) fn access(structs: &Structs, place: usize, is_real: bool, parameters:
         .or_else(|| within(&structs.states, "x->"))
         .or_else(|| within(&structs.discrete, "d->"))
         .or_else(|| within(&structs.signals, "y->"))
+}
+
+/// The C expressions of the limits of an element of the control, where it has any.
+pub(super) fn limits_of_control(law: &Law, structs: &Structs, k: usize) -> [Option<String>; 2] {
+    let variables = law.variables();
+    LIMITS.map(|which| {
+        let place = variables.iter().find(|v| v.name == which && k < v.len()).map(|v| variables.index(v.element(k)))?;
+        access(structs, place, true, "").or_else(|| law.constant(place).map(number))
+    })
 }
 
 /// A function that computes what is written, and answers whether it refuses where there are refusals.

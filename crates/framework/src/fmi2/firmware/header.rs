@@ -16,7 +16,7 @@ pub(super) const STATUS: [(&str, u32, &str); 6] = [
     ("BAD_INPUT", 2, "an input is NaN or infinite (refused)"),
     ("INVALID", 3, "the equations have no solution here, or too many events (refused)"),
     ("DIVERGED", 4, "a state or an output would be NaN, infinite or beyond 1e12 (refused)"),
-    ("LIMITED", 5, "a control is cut by its limits"),
+    ("LIMITED", 5, "a control is at one of its limits"),
 ];
 /// The first bit of those that are outputs of the FMU.
 const FIRST_FLAG: usize = 8;
@@ -128,10 +128,10 @@ fn state(structs: &Structs, driver: &Driver) -> String {
 fn status(law: &Law) -> String {
     let mut text = "/* What came of a step: 0, or bits. */\ntypedef uint32_t §_status;\n".to_owned();
     let mut bit = |name: &str, bit: usize, about: &str| {
-        let _ = writeln!(text, "#define §_{name} (UINT32_C(1) << {bit}) /* {} */", ascii(about));
+        let _ = writeln!(text, "#define §_{name} (UINT32_C(1) << {bit}) /* {about} */");
     };
     STATUS.iter().for_each(|(name, place, about)| bit(name, *place as usize, about));
-    flags(law).iter().for_each(|(name, place, about)| bit(name, *place, about));
+    flags(law).iter().for_each(|(name, place, about)| bit(name, *place, &ascii(about)));
     text + "\n"
 }
 

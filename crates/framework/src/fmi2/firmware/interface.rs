@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use super::Fallback;
 use super::driver::{Driver, Writes};
-use super::functions::{Structs, access};
+use super::functions::{Structs, access, limits_of_control};
 use super::header::limits;
-use super::law::{CONTROL, ENABLED, Law, U_MANUAL};
+use super::law::{ENABLED, Law, U_MANUAL};
 use super::members::Member;
 use crate::fmi2::source::expression::number;
 
@@ -169,18 +169,13 @@ fn step(law: &Law, structs: &Structs, driver: &Driver) -> String {
 
 /// The manual control within the limits of the control; other outputs are 0.
 fn by_hand(law: &Law, structs: &Structs) -> String {
-    let variables = law.variables();
-    let limit = |which: &str, k: usize| {
-        let place = variables.iter().find(|v| v.name == which).map(|v| variables.index(v.element(k)))?;
-        access(structs, place, true, "").or_else(|| law.constant(place).map(number))
-    };
     let of_control = |place: usize| {
-        let control = variables.iter().find(|v| v.name == CONTROL)?;
-        let k = place.checked_sub(variables.index(control.element(0))).filter(|&k| k < control.len())?;
-        let manual = variables.iter().find(|v| v.name == U_MANUAL)?;
-        let manual = access(structs, variables.index(manual.element(k)), true, "")?;
-        let from_below = limit("u_min", k).map_or(manual.clone(), |min| format!("{manual} < {min} ? {min} : {manual}"));
-        Some(limit("u_max", k).map_or(from_below.clone(), |max| format!("{manual} > {max} ? {max} : {from_below}")))
+        let k = law.control(place)?;
+        let manual = law.variables().iter().find(|v| v.name == U_MANUAL)?;
+        let manual = access(structs, law.variables().index(manual.element(k)), true, "")?;
+        let [min, max] = limits_of_control(law, structs, k);
+        let from_below = min.map_or(manual.clone(), |min| format!("{manual} < {min} ? {min} : {manual}"));
+        Some(max.map_or(from_below.clone(), |max| format!("{manual} > {max} ? {max} : {from_below}")))
     };
     let line = |(to, place): (&String, usize)| {
         format!("        out->{to} = {};\n", of_control(place).unwrap_or_else(|| number(0.0)))

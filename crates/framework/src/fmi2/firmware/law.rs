@@ -14,6 +14,7 @@ use crate::system::{Causality, Element, SamplingClock, Section, Variable, Variab
 pub(super) const ENABLED: &str = "enabled";
 pub(super) const U_MANUAL: &str = "u_manual";
 pub(super) const CONTROL: &str = "u";
+pub(super) const LIMITS: [&str; 2] = ["u_min", "u_max"];
 
 /// Sections that follow from parameters; those that a step continues with; those that an evaluation writes.
 const FROM_PARAMETERS: [Section; 2] = [Section::Parameter, Section::Prepared];
@@ -236,6 +237,8 @@ impl<'a> Law<'a> {
             let of = |node: Node| known[node.index()];
             let value = match operation {
                 Operation::Leaf(Leaf::Real(place)) => self.constant(*place as usize),
+                Operation::Leaf(Leaf::Integer(place)) => self.constant_integer(*place as usize).map(f64::from),
+                Operation::Leaf(Leaf::Step) => Some(self.period),
                 Operation::Leaf(_) | Operation::Iterate { .. } | Operation::Part(..) | Operation::Carried(_) => None,
                 _ if operation.operands().all(|operand| of(operand).is_some()) => {
                     operation.value(|node| of(node).unwrap_or(f64::NAN))
@@ -362,17 +365,6 @@ impl<'a> Law<'a> {
     pub fn flags(&self) -> Vec<Element<'a>> {
         let is_flag = |y: &Element| !y.variable.is_real() && y.variable.causality == Causality::Output;
         self.variables().visible().filter(is_flag).collect()
-    }
-
-    /// Controls that limits cut: the place before, and that of the output.
-    pub fn limited(&self) -> Vec<(usize, usize)> {
-        let variables = self.variables();
-        let pairs = variables.iter().filter(|v| v.section == Section::Signal).filter_map(|v| {
-            let first = variables.reals(Section::Signal).start;
-            let behind = v.behind.filter(|_| v.is_real())?;
-            Some((0..v.len()).map(move |k| (first + v.start + k, first + behind + k)))
-        });
-        pairs.flatten().filter(|(before, output)| before != output).collect()
     }
 
     /// Inputs of a step.

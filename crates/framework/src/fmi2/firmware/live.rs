@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::law::{EVALUATED, Law, Live, is_in, leaves};
+use super::law::{CONTROL, EVALUATED, Law, Live, is_in, leaves};
 use crate::error::Invalid;
 use crate::recording::{Leaf, Node};
 use crate::system::{Section, Variable};
@@ -59,6 +59,23 @@ impl Law<'_> {
         let indicators = &self.recorded.indicators;
         let is_constant = |k: &usize| indicators.tape.constant(indicators.results[*k]).is_some();
         (0..indicators.results.len()).filter(|k| !is_constant(k)).collect()
+    }
+
+    /// The element of the control that an output is.
+    pub(super) fn control(&self, place: usize) -> Option<usize> {
+        let control = self.variables().iter().find(|v| v.name == CONTROL && v.is_real())?;
+        place.checked_sub(self.variables().index(control.element(0))).filter(|&k| k < control.len())
+    }
+
+    /// Outputs that limits cut: the place before, and that of the output. Rotors have others than `u_min` and `u_max`.
+    pub(super) fn limited(&self) -> Vec<(usize, usize)> {
+        let variables = self.variables();
+        let pairs = variables.iter().filter(|v| v.section == Section::Signal).filter_map(|v| {
+            let first = variables.reals(Section::Signal).start;
+            let behind = v.behind.filter(|_| v.is_real())?;
+            Some((0..v.len()).map(move |k| (first + v.start + k, first + behind + k)))
+        });
+        pairs.flatten().filter(|(before, output)| before != output).collect()
     }
 
     /// Finds whether indicators can change sides within a step.

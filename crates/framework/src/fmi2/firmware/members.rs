@@ -98,6 +98,12 @@ impl Members {
         self.list.iter().flat_map(of).map(|place| (&self.reals[&place], place))
     }
 
+    /// Members that are no reals, with the values that they have there.
+    pub fn integers_at(&self, values: &[i32]) -> Vec<(&String, i32)> {
+        let whole = self.list.iter().filter(|member| !member.is_real).flat_map(|member| &member.places);
+        whole.map(|place| (&self.integers[place], values[*place])).collect()
+    }
+
     /// The declaration in C; nothing where there are no members, as C has no empty struct.
     pub fn declaration(&self, extra: &[String], real: &str) -> String {
         if self.is_empty() && extra.is_empty() {

@@ -18,9 +18,6 @@ pub(super) fn prepared(model: &Model, options: &Options) -> Result<(Block, f64),
     let sample_time = sample_time.map(|of| variables.index(of));
     let asked = sample_time.map(|place| block.reals[place]).filter(|time| *time > 0.0);
     let period = options.period.or(asked).unwrap_or(model.description().experiment.step);
-    if !(period.is_finite() && period > 0.0) {
-        return Err(Invalid::new("period", Number(period), "must be a time above 0 s"));
-    }
     if let (Some(place), None) = (sample_time, asked) {
         block.reals[place] = period;
     }

@@ -14,7 +14,9 @@ const TAKEN: &str = "auto break case char const continue default do double else 
     wrapped noise uniform_number tell refuse finite drem pow10 exp10 sincos ceill signals \
     alignas alignof and asm bitand bitor bool catch class compl concept constexpr const_cast decltype delete dynamic_cast explicit \
     export false friend mutable namespace new noexcept not nullptr operator or private protected public reinterpret_cast requires \
-    static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t xor";
+    static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t xor \
+    NAN INFINITY HUGE_VAL EOF NULL stdin stdout stderr errno M_E M_PI DBL_MAX DBL_MIN DBL_EPSILON FLT_MAX FLT_MIN FLT_EPSILON \
+    INT_MAX INT_MIN LARGE SMALL";
 
 /// Names that were given in a function.
 #[derive(Debug, Default)]

@@ -1,0 +1,99 @@
+/* Calls a generated controller and one that is written by hand alike, at random, and compares answers, outputs and states: enabling,
+ * calibration, reset, inputs that are no numbers. GENERATED and BY_HAND are their names, SEED begins the random numbers.
+ * Their parameters and states are real numbers in the same order. */
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define JOINED(name, part) name##part
+#define OF(name, part) JOINED(name, part)
+#define G(part) OF(GENERATED, part)
+#define H(part) OF(BY_HAND, part)
+
+enum { PARAMETERS = sizeof(G(_parameters)) / sizeof(double), INPUTS = sizeof(G(_inputs)) / sizeof(double) };
+enum { OUTPUTS = sizeof(G(_outputs)) / sizeof(double), STATES = sizeof(G(_states)) / sizeof(double) };
+enum { STEPS = 50000 };
+
+static double random_number(void) { return 2.0 * rand() / RAND_MAX - 1; }
+
+static int fails(const char *what, int step)
+{
+    printf("%s differs in step %d\n", what, step);
+    return 1;
+}
+
+/* Parameters as somebody may give them: some outside of what is allowed. */
+static void draw(double *parameters)
+{
+    static const double odd[] = {-1, 0, 1e-10, 0.01, 20, 1e20};
+    memcpy(parameters, &G(_defaults), sizeof G(_defaults));
+    for (int k = 0; k < PARAMETERS; k++) {
+        if (rand() % 4 == 0) parameters[k] *= 1 + 0.3 * random_number();
+    }
+    /* Limits come first. */
+    for (int k = 0; k < OUTPUTS; k++) {
+        parameters[k] = -50 * fabs(random_number());
+        parameters[k + OUTPUTS] = 50 * fabs(random_number());
+    }
+    if (rand() % 3 == 0) parameters[rand() % PARAMETERS] = rand() % 3 == 0 ? NAN : odd[rand() % 6];
+}
+
+int main(void)
+{
+    static GENERATED generated;
+    static BY_HAND by_hand;
+    double in[INPUTS], out[OUTPUTS], given[OUTPUTS], manual[OUTPUTS], parameters[PARAMETERS], phase[INPUTS];
+    int count[5] = {0};
+    srand(SEED);
+    memset(&generated, 0x5a, sizeof generated);
+    memset(&by_hand, 0x5a, sizeof by_hand);
+    by_hand.enabled = by_hand.active = true;
+    for (int k = 0; k < INPUTS; k++) {
+        in[k] = 0;
+        phase[k] = 3 * random_number();
+    }
+    if ((G(_step)(&generated, (const void *)in, (void *)out) & G(_REFUSED)) == 0 || out[0] != 0) return fails("no start", 0);
+    if ((H(_step)(&by_hand, (const void *)in, (void *)given) & H(_REFUSED)) == 0 || given[0] != 0) return fails("no start", 0);
+    G(_init)(&generated);
+    H(_init)(&by_hand);
+    for (int step = 0; step < STEPS; step++) {
+        if (rand() % 70 == 0 || (step == 0 && SEED % 2)) {
+            for (int k = 0; k < OUTPUTS; k++) manual[k] = rand() % 9 ? 40 * random_number() : NAN;
+            const bool enabled = rand() % 2;
+            if (G(_enable)(&generated, enabled, (const void *)manual) != H(_enable)(&by_hand, enabled, manual)) return fails("enabling", step);
+        }
+        if (rand() % 150 == 0 || (step == 0 && SEED % 3)) {
+            draw(parameters);
+            const bool taken = H(_calibrate)(&by_hand, (const void *)parameters);
+            if (taken != (G(_calibrate)(&generated, (const void *)parameters) == 0)) return fails("calibration", step);
+            count[taken ? 0 : 1]++;
+        }
+        if (rand() % 700 == 0) {
+            G(_reset)(&generated);
+            H(_reset)(&by_hand);
+        }
+        const double size = step / 1000 % 3 * 1e-2, time = step * 1e-2;
+        for (int k = 0; k < INPUTS; k++) in[k] = size * sin((k + 1) * time + phase[k]);
+        if (rand() % 40 == 0) in[rand() % INPUTS] = rand() % 3 == 0 ? 1e13 : rand() % 2 ? NAN : -INFINITY;
+        const unsigned status = G(_step)(&generated, (const void *)in, (void *)out), reasons = 30;
+        if ((status & ~reasons) != H(_step)(&by_hand, (const void *)in, (void *)given)) return fails("the status", step);
+        for (int k = 0; k < OUTPUTS; k++) {
+            if (!(fabs(out[k] - given[k]) <= 1e-12 * fmax(1, fabs(out[k])))) return fails("an output", step);
+        }
+        const double *one = (const double *)&generated.x, *other = (const double *)&by_hand.x;
+        for (int k = 0; k < STATES; k++) {
+            if (!(fabs(one[k] - other[k]) <= 1e-11 * fmax(1, fabs(one[k])))) return fails("a state", step);
+        }
+        if (generated.refused != by_hand.refused) return fails("the number of refused steps", step);
+        count[2] += (status & G(_REFUSED)) != 0;
+        count[3] += (status & G(_LIMITED)) != 0;
+        count[4] += by_hand.active ? 0 : 1;
+    }
+    printf("calibrations %d, refused %d; steps refused %d, at limits %d, by hand %d\n", count[0], count[1], count[2], count[3], count[4]);
+    for (int k = 0; k < 5; k++) {
+        if (count[k] < 20) return fails("too little", STEPS);
+    }
+    return 0;
+}
