@@ -267,7 +267,7 @@ mod tests {
             });
             let width = 1e-9 * root.abs();
             let [below, above] = [root - width, root + width].map(|at| ahead.residual(at, elements.into_iter()).0);
-            // Where F is nothing but rounding, its sign tells nothing.
+            // Where F is nothing but rounding, its sign is arbitrary.
             let rounding = 1e-14 * (ahead.e.abs() + ahead.performance.rho);
             assert!(below <= rounding && above >= -rounding, "{number}: {root} of {ahead:?}, {below} … {above}");
             most = most.max(evaluations.get());

@@ -186,7 +186,7 @@ impl Arguments {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// The law in its loop: as many Runge-Kutta steps as it needs there, where their number isn't given, and its signals.
+    /// A controller in its loop: the Runge-Kutta steps that it needs there, where their number isn't given, and its signals.
     fn in_loop(&self, source: &Source, library: &Library) -> Result<InLoop, Error> {
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
         let described = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;

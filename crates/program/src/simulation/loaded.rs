@@ -122,7 +122,7 @@ impl LoadedLoop {
         })
     }
 
-    /// The connected Real inputs of a unit: names, signals that they read, and what is made of these on the way.
+    /// The connected Real inputs of a unit: names, signals that they read, and the conversions of these.
     pub fn sources(&self, name: &str) -> Vec<(String, String, Affine)> {
         let variable = |(unit, variable): (usize, usize)| &self.units[unit].fmu.description.variables[variable];
         let into =

@@ -55,7 +55,7 @@ pub struct Options {
     pub fallback: Fallback,
     /// Parameters that can change at run time, without indices; all that can where there is no list.
     pub calibrate: Option<Vec<String>>,
-    /// Signals of a loop, a row a period, by the names of inputs: the test vectors are made of them, else of small signals.
+    /// Signals of a loop, a row a period, by the names of inputs: inputs of the test vectors, which are small ones otherwise.
     #[serde(default)]
     pub signals: Option<Signals>,
 }
