@@ -6,9 +6,9 @@ use crate::system::Scalar;
 
 /// A root is looked for within so much to both sides of 0.
 const BRACKET: f64 = 1e12;
-/// Evaluations of the function, at 0 besides; hostile cases take 22.
+/// The most evaluations of the function, with one more at 0; those of the tests take 22.
 const ITERATIONS: usize = 24;
-/// What a step of Newton's method leaves of the residual where it serves; else the bracket is divided by its geometric mean.
+/// Part of the residual that a useful step of Newton's method leaves; otherwise the bracket is divided at its geometric mean.
 const SERVES: f64 = 0.25;
 /// The part of the bracket's far end that stands for the near one, which is 0 at first.
 const FIRST: f64 = 1e-2;
@@ -18,7 +18,7 @@ const LAST: f64 = 3.0;
 /// A step after which the root is exact, since the digits double.
 const EXACT: f64 = 1e-7;
 
-/// Where a function that increases is 0, from its value and its derivative: by Newton's method within a bracket, in a bounded
+/// The root of a function that increases, from its value and its derivative: by Newton's method within a bracket, in a bounded
 /// number of iterations. `least` is a slope that it has at least between 0 and the root, on average.
 pub fn of_increasing<S: Scalar>(F: impl Fn(S) -> (S, S), least: S) -> S {
     let (zero, bracket) = (S::from(0.0), S::from(BRACKET));

@@ -64,9 +64,14 @@ class Laws:
     recorded: dict[tuple[str, str, int], np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        exported = adaptive_fmu("export", "--source-only", *self.names, "--out", self.folder)
+        if self.names:
+            self.add(*self.names)
+
+    def add(self, *names: str) -> None:
+        """Exports the C sources of units."""
+        exported = adaptive_fmu("export", "--source-only", *names, "--out", self.folder)
         assert exported.returncode == 0, exported.stderr
-        for name in self.names:
+        for name in names:
             zipfile.ZipFile(self.folder / f"{name}.fmu").extractall(self.folder / name)
 
     def sources(self, name: str) -> Path:
@@ -169,6 +174,17 @@ class Law:
         """A struct as an array."""
         size = sum(self.members[kind].values())
         return (self.real * size)(*(values or [0.0] * size))
+
+    def places(self, kind: str) -> dict[str, int]:
+        """Where each member of a struct begins in its array."""
+        sizes = list(self.members[kind].values())
+        return {member: sum(sizes[:k]) for k, member in enumerate(self.members[kind])}
+
+    def defaults(self) -> ctypes.Array:
+        """The parameters of the export."""
+        values = self.numbers("parameters")
+        self.c.law_defaults(values)
+        return values
 
     def step(self, inputs: list[float]) -> tuple[int, list[float]]:
         """A step: its status, and the outputs."""

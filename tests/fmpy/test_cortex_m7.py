@@ -126,7 +126,7 @@ def law_object(laws: Laws, tmp_path_factory: pytest.TempPathFactory) -> Callable
 
 def hostile(inputs: np.ndarray) -> np.ndarray:
     """Inputs as no loop gives them: of any size and sign, at rest, and those of the loop with a fault in one."""
-    rng = np.random.default_rng([NUMBER, 50])
+    rng = np.random.default_rng(50)
     rows = rng.choice([-1.0, 1.0], (300, inputs.shape[1])) * 10 ** rng.uniform(-9, 6, (300, inputs.shape[1]))
     faults = inputs[rng.integers(len(inputs), size=100)]
     faults[np.arange(100), rng.integers(inputs.shape[1], size=100)] *= 10 ** rng.uniform(-9, 9, 100)
@@ -192,8 +192,7 @@ def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
     mean = told.instructions.mean()
     worst = on_target(row["law"], number(row["substeps"]), True)
     most = max(told.instructions.max(), worst.instructions.max())
-    # Other inputs, other compilers.
-    assert most / OTHER_COMPILERS <= number(row["a step, at most"]) <= 1.4 * most
+    assert most <= number(row["a step, at most"]) <= 1.2 * most
     assert as_told(mean, row["a step, mean"])
     assert as_told(mean / number(row["substeps"]), row["instructions a substep"])
     assert max(told.stack, worst.stack) <= OTHER_COMPILERS * number(row["stack"])

@@ -132,10 +132,7 @@ def test_a_manual_control_keeps_to_the_limits_where_a_step_is_refused(laws: Laws
     for options in ([], ["--calibrate", "adaptation_gain"]):
         law = Law(laws.firmware(name, SUBSTEPS, "--fallback", "manual", *options), name)
         if not options:
-            values = law.numbers("parameters")
-            law.c.law_defaults(values)
-            members = list(law.members["parameters"])
-            places = {member: sum(list(law.members["parameters"].values())[:k]) for k, member in enumerate(members)}
+            values, places = law.defaults(), law.places("parameters")
             values[places["u_min"]], values[places["u_max"] + 1] = -2.0, 1.5
             assert law.c.law_calibrate(values) == 0
         assert law.c.law_enable(1, law.numbers("manual", [-3.0, 4.0]))
@@ -149,13 +146,10 @@ def test_a_control_at_its_limit_is_told(name: str, laws: Laws, fmu) -> None:
     members = law.members["parameters"]
     if not {"u_min", "u_max"} <= members.keys() or re.search(r"^    (?:bool|int32_t) \w+;.*\n", parameters_of(law.header), re.M):
         pytest.skip("it has no limits that are parameters among real numbers")
-    places = {member: sum(list(members.values())[:k]) for k, member in enumerate(members)}
-    values = law.numbers("parameters")
-    law.c.law_defaults(values)
+    values, places = law.defaults(), law.places("parameters")
     inputs = Reference(fmu(name), law).inputs
     drawn = signals(fmu(name), inputs, Random(f"limits {name} {NUMBER}"))
-    names = list(law.members["outputs"])
-    first = sum(law.members["outputs"][one] for one in names[: names.index("u")])
+    first = law.places("outputs")["u"]
     free = [law.step(drawn(k * law.period)) for k in range(20)]
     sizes = [max(abs(given[first + k]) for _, given in free) for k in range(members["u_min"])]
     assert not any(status & law.bits["LIMITED"] for status, _ in free), "limits that are far away"
@@ -205,10 +199,7 @@ def test_gains_change_while_a_law_runs_all_or_none(name: str, laws: Laws, fmu) -
     reference = Reference(fmu(name), law)
     drawn = signals(fmu(name), reference.inputs, Random(f"{name} {NUMBER}"))
     random = Random(f"gains {name} {NUMBER}")
-    members, values = law.members["parameters"], law.numbers("parameters")
-    law.c.law_defaults(values)
-    defaults = list(values)
-    places = {member: sum(list(members.values())[:k]) for k, member in enumerate(members)}
+    members, defaults, places = law.members["parameters"], list(law.defaults()), law.places("parameters")
     for member, place in places.items():
         before, wrong = law.state(), law.numbers("parameters", defaults)
         wrong[place] = math.nan
@@ -367,8 +358,7 @@ def test_the_number_of_steps_is_the_one_that_its_loop_needs(name: str, laws: Law
     found = int(re.search(rf"{name}: (\d+) Runge-Kutta steps", exported.stderr)[1])
     assert Law(tmp_path, name).header.count(f"_SUBSTEPS {found}\n") == 1
     loop = {"L1Quadrotor": "3.3.2-case1", "L1TwoLinkRobot": "3.3.1-case1"}[name]
-    laws.names.append(name)
-    laws.__post_init__()
+    laws.add(name)
     inputs = laws.inputs(name, loop, 1000)
     few, many = laws.outputs(name, found, inputs), laws.outputs(name, 4 * found, inputs)
     assert abs(few - many).max() <= 1e-2 * abs(many).max()
@@ -449,8 +439,7 @@ def test_a_replay_finds_a_law_that_is_another(laws: Laws, tmp_path: Path) -> Non
 
 def test_vectors_are_of_the_loop_where_there_is_one(laws: Laws, tmp_path: Path) -> None:
     name = "L1TwoLinkRobot"
-    laws.names.append(name)
-    laws.__post_init__()
+    laws.add(name)
     expected = laws.inputs(name, "3.3.1-case1", 100)
     text = (laws.firmware(name, 10) / f"{name}_replay.c").read_text()
     rows = re.search(r"double replayed_inputs\[100\]\[(\d+)\] = \{\n(.*?)\n\};", text, re.DOTALL)

@@ -7,7 +7,7 @@
 //! F(ε) = (ρ⁺ − h ρ'⁺) S(ε) + h ((σ̂(ε) − I)ᵀψ + ᾱ tanh(ε/φ) + K_ε ε) − e = 0,
 //! σ̂(ε) = (I + γ_2 (β + h R) ε ψ)/(1 + γ_2 υ (β + h R) |ε|), R = 1/(ρ⁺ S'(ε)).
 //!
-//! F increases, from −∞ to ∞, so it has one root.
+//! F increases, from −∞ to ∞, so it has one root: |I| stays within |ψ|/υ. Its slope is at least h K_ε, which brackets the root.
 
 use super::MracPpf;
 use crate::mathematics::limits::within;
@@ -130,7 +130,7 @@ impl<S: Scalar> Ahead<S> {
     fn proportional(&self, epsilon: S, at: &Transformed<S>, (psi, integral): (S, S)) -> (S, S) {
         let (gain, dgain) = ((at.R * self.h + self.beta) * self.gamma_2, at.dR * self.h * self.gamma_2);
         let leaking = gain * epsilon.abs() * self.upsilon + 1.0;
-        // Of ε without leakage, by its size.
+        // σ̂ − I = g ε (ψ − sign(ε) υ I)/(1 + g υ |ε|), g = γ_2 (β + h R): nothing cancels where I is large.
         let driven = psi - epsilon.signum() * self.upsilon * integral;
         (gain * epsilon * driven / leaking, (dgain * epsilon + gain) * driven / (leaking * leaking))
     }

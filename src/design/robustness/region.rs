@@ -80,7 +80,8 @@ pub fn largest(most: f64, holds: impl Fn(f64) -> bool) -> f64 {
     if holds(most) {
         return most;
     }
-    let (mut low, mut high) = (0.0, most);
+    // The whole first: a share is below 1 only where something of the whole doesn't hold.
+    let (mut low, mut high) = if most > 1.0 && holds(1.0) { (1.0, most) } else { (0.0, most.min(1.0)) };
     for _ in 0..HALVINGS {
         if high - low <= ACCURACY * high {
             break;

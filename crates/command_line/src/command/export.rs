@@ -171,12 +171,7 @@ impl Arguments {
             let InLoop { substeps, signals, .. } = self.in_loop(&source, library)?;
             options.substeps = substeps;
             options.signals = (!signals.is_empty()).then_some(signals);
-            for file in exporter::export_firmware(&source, library, &options, &self.out)? {
-                // Controllers share a file that builds them.
-                if !files.contains(&file) {
-                    files.push(file);
-                }
-            }
+            files.extend(exporter::export_firmware(&source, library, &options, &self.out)?);
         }
         if self.json {
             say!("{}", json!({ "files": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));

@@ -2,18 +2,18 @@
 
 mod aim;
 mod experiments;
+mod in_loop;
 mod linearise;
 mod newton;
 mod operating_point;
 mod plan;
 mod responses;
 mod sampled;
-mod substeps;
 mod sweep;
 mod trim;
 
+pub use in_loop::{InLoop, in_loop};
 pub use linearise::{Linearisation, Quantity, linearise};
 pub use operating_point::{Method, OperatingPoint};
-pub use substeps::{InLoop, in_loop};
 pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};
 pub use trim::{AtBound, Trim, Wanted};
