@@ -279,6 +279,7 @@ impl System for L1Sampled {
 
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         limits::require_room(self.u_min, self.u_max, v);
+        self.filter.relate(self, v);
     }
 
     /// σ̂ = 0, ζ = 0, and the controls before the start as at it.

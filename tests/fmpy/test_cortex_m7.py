@@ -242,7 +242,11 @@ def test_vectors_are_replayed_on_the_target(machine, laws, tmp_path) -> None:
 
 
 # Laws that were written by hand, too: with so many substeps, and how much more instructions, flash memory and RAM generated ones take.
-BY_HAND = {"L1TwoLinkRobot": ("L1ByHand", 10, 1.15, [2.6, 1.05]), "PidNonlinearSiso": ("PidByHand", 1, 1.22, [1.4, 1.15])}
+BY_HAND = {
+    "L1TwoLinkRobot": ("L1ByHand", 10, 1.15, [2.5, 1.05]),
+    "L1SampledTwoLinkRobot": ("L1SampledByHand", 1, 1.3, [1.5, 1.25]),
+    "PidNonlinearSiso": ("PidByHand", 1, 1.2, [1.4, 1.15]),
+}
 
 
 @pytest.mark.parametrize("name", BY_HAND)
@@ -251,7 +255,7 @@ def test_a_law_by_hand_has_the_same_services(name, laws, tmp_path) -> None:
     (other, steps, *_), by_hand = BY_HAND[name], BOARD / "by_hand"
     folder = laws.firmware(name, steps)
     flags = ["-std=c99", "-Wall", "-Wextra", *SAME_BITS, f"-I{folder}", f"-I{by_hand}", "-include", f"{name}.h", "-include", f"{other}.h"]
-    names = [f"-DGENERATED={name}", f"-DBY_HAND={other}", f"-DSEED={NUMBER}"]
+    names = [f"-DGENERATED={name}", f"-DBY_HAND={other}", f"-DSEED={NUMBER}", *(["-DSAMPLED"] if "Sampled" in name else [])]
     sources = [by_hand / "services.c", by_hand / f"{other}.c", folder / f"{name}.c"]
     built("gcc", *flags, *names, *sources, "-lm", "-o", tmp_path / "services")
     run = subprocess.run([tmp_path / "services"], capture_output=True, text=True, check=False, timeout=60)

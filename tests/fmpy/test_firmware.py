@@ -356,7 +356,7 @@ def test_the_number_of_steps_is_the_one_that_its_loop_needs(name: str, laws: Law
     exported = adaptive_fmu("export", "--firmware", name, "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr
     found = int(re.search(rf"{name}: (\d+) Runge-Kutta steps", exported.stderr)[1])
-    assert Law(tmp_path, name).header.count(f"_SUBSTEPS {found}\n") == 1
+    assert Law(tmp_path, name).header.count(f"define {name}_SUBSTEPS {found}\n") == 1
     loop = {"L1Quadrotor": "3.3.2-case1", "L1TwoLinkRobot": "3.3.1-case1"}[name]
     laws.add(name)
     inputs = laws.inputs(name, loop, 1000)

@@ -1,6 +1,6 @@
 /* A law for a target in a host that traps floating-point exceptions: division by zero, invalid operations and overflow end the
  * program. From the start and from random states, at random inputs. law.h names the law: its types and functions, how many inputs
- * and states it has, and what its parameters are widened to. */
+ * and states it has. */
 
 #define _GNU_SOURCE
 #include <fenv.h>
@@ -43,7 +43,6 @@ int main(void)
     feenableexcept(FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW);
     for (int beginning = 0; beginning < BEGINNINGS; ++beginning) {
         law_init(&self);
-        widen(&self);
         for (int step = 0; step < STEPS; ++step) {
             for (int k = 0; k < LAW_INPUTS; ++k) {
                 inputs[k] = starts[k] + (beginning % 2 == 0 ? 0 : (law_real)(0.1 * any()));

@@ -23,8 +23,13 @@ const MOST_MOTION: f64 = 1e5;
 /// How the filter is realised.
 #[derive(Debug)]
 pub(super) enum SampledFilter {
-    /// D(s) = 1/s, a feedback gain a channel; ζ is its state.
-    Integrator(VectorOf<Parameter>),
+    /// D(s) = 1/s; ζ is its state.
+    Integrator {
+        /// A feedback gain a channel.
+        K: VectorOf<Parameter>,
+        /// e^(−k T) of each: what a sample leaves of ζ.
+        left: VectorOf<Prepared>,
+    },
     /// Any other, or with what cancels unmatched uncertainty.
     General(Box<General>),
 }
@@ -64,15 +69,24 @@ impl SampledFilter {
         let text = "feedback gain of the filter: the bandwidth with which uncertainty is cancelled";
         if filter.is_integrator() && plant.B_um.ncols() == 0 {
             let K = d.parameter(diagonal("feedback_gain", m, text).unit("1/s").start(1.0).positive());
-            return Ok(SampledFilter::Integrator(K));
+            let left = d.prepared(vector("#left of zeta", m, "").hidden());
+            return Ok(SampledFilter::Integrator { K, left });
         }
         General::declare(d, filter, plant).map(|general| SampledFilter::General(Box::new(general)))
+    }
+
+    /// What follows from parameters that may change while it runs.
+    pub fn relate<S: Scalar>(&self, law: &L1Sampled, v: &mut Point<S>) {
+        let SampledFilter::Integrator { K, left } = self else { return };
+        for i in 0..K.len() {
+            v[*left][i] = (-v[*K][i] * v[law.sample_time]).exp();
+        }
     }
 
     /// Number of its states.
     pub fn order(&self) -> usize {
         match self {
-            SampledFilter::Integrator(K) => K.len(),
+            SampledFilter::Integrator { K, .. } => K.len(),
             SampledFilter::General(general) => general.q.len(),
         }
     }

@@ -67,7 +67,7 @@ impl L1Sampled {
     /// Plants with the controller as it is for short samples: one that is its filter 1/s and matched estimates.
     fn tell_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
         let is_nominal = v.matrix(self.W_0).is_identity(0.0);
-        let SampledFilter::Integrator(k) = &self.filter else { return };
+        let SampledFilter::Integrator { K: k, .. } = &self.filter else { return };
         if self.plant.B_um.ncols() > 0 || !is_nominal {
             return;
         }
@@ -205,7 +205,7 @@ impl L1Sampled {
             L_d: v.matrix(self.L_d).into_owned(),
             estimation,
             filter: match &self.filter {
-                SampledFilter::Integrator(K) => {
+                SampledFilter::Integrator { K, .. } => {
                     HeldFilter::integrator(&v[*K].iter().map(|k| (-k * T).exp()).collect::<Vec<_>>())
                 }
                 SampledFilter::General(filter) => {

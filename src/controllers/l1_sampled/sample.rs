@@ -158,9 +158,9 @@ impl L1Sampled {
                 - product(self.W_0, i, |j| values[self.sigma_hat][j], values)
         };
         match &self.filter {
-            SampledFilter::Integrator(K) => {
+            SampledFilter::Integrator { left, .. } => {
                 for i in 0..self.u.len() {
-                    let left = (-v[*K][i] * v[self.sample_time]).exp();
+                    let left = v[*left][i];
                     v[self.zeta][i] = left * v[self.zeta][i] + (-left + 1.0) * wanted(i, &v.values());
                 }
             }

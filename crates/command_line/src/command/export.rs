@@ -168,10 +168,15 @@ impl Arguments {
             let mut options = Options { period: self.period, fallback, calibrate, ..Options::default() };
             options.substeps = self.substeps.unwrap_or(options.substeps);
             options.check().map_err(|invalid| Error::Argument(Invalid::because(format!("{name}: {invalid}"))))?;
-            let InLoop { substeps, signals, .. } = self.in_loop(&source, library)?;
-            options.substeps = substeps;
-            options.signals = (!signals.is_empty()).then_some(signals);
-            files.extend(exporter::export_firmware(&source, library, &options, &self.out)?);
+            let (in_loop, found_in) = self.in_loop(&source, library)?;
+            options.substeps = in_loop.substeps;
+            options.may_rise = self.substeps.is_none();
+            options.signals = (!in_loop.signals.is_empty()).then_some(in_loop.signals);
+            let (written, substeps) = exporter::export_firmware(&source, library, &options, &self.out)?;
+            files.extend(written);
+            if let Some(FoundIn { name, loop_name, period }) = found_in {
+                remark!("{name}: {substeps} Runge-Kutta steps in {period} s, as {loop_name} needs them");
+            }
         }
         if self.json {
             say!("{}", json!({ "files": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
@@ -181,8 +186,9 @@ impl Arguments {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// A controller in its loop: the Runge-Kutta steps that it needs there, where their number isn't given, and its signals.
-    fn in_loop(&self, source: &Source, library: &Library) -> Result<InLoop, Error> {
+    /// A controller in its loop: the Runge-Kutta steps that it needs there, where their number isn't given, and its signals; and
+    /// where that number was found.
+    fn in_loop(&self, source: &Source, library: &Library) -> Result<(InLoop, Option<FoundIn>), Error> {
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
         let described = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
         let name = &described.name;
@@ -199,10 +205,9 @@ impl Arguments {
                 continue;
             };
             let found = in_loop(&structure, component, (step, self.substeps), &*super::ready::units()?)?;
-            if self.substeps.is_none() && found.integrates {
-                remark!("{name}: {} Runge-Kutta steps in {step} s, as {name_of_loop} needs them", found.substeps);
-            }
-            return Ok(found);
+            let is_found = self.substeps.is_none() && found.integrates;
+            let found_in = || FoundIn { name: name.clone(), loop_name: name_of_loop.to_owned(), period: step };
+            return Ok((found, is_found.then(found_in)));
         }
         if let Some(name_of_loop) = &self.in_loop {
             return Err(refuse(format!("{name_of_loop} has no component of {name}")));
@@ -213,7 +218,7 @@ impl Arguments {
                 "no example has {name}: --loop LOOP names the loop in which the number of Runge-Kutta steps is found (`adaptive-fmu \
                  new loop` writes one), or --substeps N gives it"
             ))),
-            asked => Ok(InLoop { substeps: asked.unwrap_or(1), integrates, signals: Signals::new() }),
+            asked => Ok((InLoop { substeps: asked.unwrap_or(1), integrates, signals: Signals::new() }, None)),
         }
     }
 
@@ -234,6 +239,14 @@ impl Arguments {
             Form::Generic
         })
     }
+}
+
+/// Where the number of a controller's Runge-Kutta steps was found.
+struct FoundIn {
+    name: String,
+    loop_name: String,
+    /// From call to call, s.
+    period: f64,
 }
 
 /// The libraries named, or those built with this program; that of this platform is its own where none is named.

@@ -72,7 +72,7 @@ enum Reply {
     #[serde(rename = "source")]
     Source(Box<SourceUnit>),
     #[serde(rename = "firmware")]
-    Firmware(Vec<(String, String)>),
+    Firmware(firmware::Firmware),
     #[serde(rename = "kernel")]
     Kernel(Box<Functions>),
     #[serde(rename = "failure")]
@@ -130,12 +130,12 @@ pub fn source(description: Option<&str>, library: Library) -> String {
 
 /// The reply, as JSON, to a [`FirmwareRequest`]: the controller as C for a target.
 pub fn firmware(request: Option<&str>, library: Library) -> String {
-    let made = || -> Result<Vec<(String, String)>, Invalid> {
+    let made = || -> Result<firmware::Firmware, Invalid> {
         let request: FirmwareRequest = serde_json::from_str(request.unwrap_or_default()).map_err(Invalid::because)?;
         let model = Model::from_description(Description::read(&request.description)?, library.registry)?;
         firmware::files(&Arc::new(model), &request.options)
     };
-    made().map_or_else(|invalid| failure(&invalid.to_string()), |files| write(&Reply::Firmware(files)))
+    made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Firmware(made)))
 }
 
 /// The reply, as JSON, of an instance: what its kernel is compiled from.
@@ -182,9 +182,9 @@ pub fn read_source(reply: &str) -> Result<Result<SourceUnit, String>, String> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_firmware(reply: &str) -> Result<Result<Vec<(String, String)>, String>, String> {
+pub fn read_firmware(reply: &str) -> Result<Result<firmware::Firmware, String>, String> {
     match serde_json::from_str(reply) {
-        Ok(Reply::Firmware(files)) => Ok(Ok(files)),
+        Ok(Reply::Firmware(made)) => Ok(Ok(made)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
         Ok(_) => Err("another reply than a law".to_owned()),
         Err(error) => Err(error.to_string()),

@@ -67,11 +67,34 @@ impl Tape {
             Operation::Binary(Binary::Sub, a, b) if negated(b).is_some() => {
                 self.simplified(Operation::Binary(Binary::Add, a, negated(b).unwrap_or(b)))
             }
+            Operation::Select(condition, yes, no) => self.selected(condition, yes, no),
             Operation::Iterate { body, most, start, captured } => {
                 self.add(Operation::Iterate { body: Arc::new(body.simplified()), most, start, captured })
             }
             operation => self.add(operation),
         }
+    }
+}
+
+impl Tape {
+    /// A selection without those in its branches that its own condition decides.
+    fn selected(&mut self, condition: Node, yes: Node, no: Node) -> Node {
+        let (condition, yes, no) = match self.operation(condition) {
+            Operation::Not(of) => (*of, no, yes),
+            _ => (condition, yes, no),
+        };
+        let branch = |mut node: Node, holds: bool| {
+            while let Operation::Select(of, a, b) = self.operation(node) {
+                let is_opposite = *self.operation(*of) == Operation::Not(condition);
+                if *of != condition && !is_opposite {
+                    break;
+                }
+                node = if holds == is_opposite { *b } else { *a };
+            }
+            node
+        };
+        let (yes, no) = (branch(yes, true), branch(no, false));
+        if yes == no { yes } else { self.add(Operation::Select(condition, yes, no)) }
     }
 }
 
@@ -119,6 +142,23 @@ mod tests {
         assert!(matches!(after[..], [.., Operation::Binary(Binary::Add, ..)]) && after.len() == 3, "{after:?}");
         let (_, after) = left(|a, b| a * -1.0 + b);
         assert!(matches!(after[..], [.., Operation::Binary(Binary::Sub, ..)]) && after.len() == 3, "{after:?}");
+    }
+
+    #[test]
+    fn a_selection_has_none_within_that_its_condition_decides() {
+        let (_, after) = left(|a, b| {
+            let is = || a.below(b);
+            let inner = Recorded::select(!is(), a * b, a + b);
+            Recorded::select(!is(), Recorded::select(is(), a - b, inner), Recorded::select(is(), b - a, inner))
+        });
+        let selections = after.iter().filter(|one| matches!(one, Operation::Select(..))).count();
+        assert!(selections == 1 && !after.iter().any(|one| matches!(one, Operation::Not(_))), "{after:?}");
+        let is_product = |one: &Operation| matches!(one, Operation::Binary(Binary::Mul, ..));
+        let is_difference = |one: &Operation| matches!(one, Operation::Binary(Binary::Sub, ..));
+        assert!(
+            after.iter().any(is_product) && after.iter().filter(|one| is_difference(one)).count() == 1,
+            "{after:?}"
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::{Error, Invalid};
-use crate::fmi2::firmware::{Signals, VECTORS};
+use crate::fmi2::firmware::Signals;
 use crate::fmu::{Fmu, Ready, Value};
 use crate::integrator::IntegrationMethod;
 use crate::model_description::Affine;
@@ -49,7 +49,7 @@ pub fn in_loop(
     let sources = runs.loaded.sources(&component.name);
     let names: Vec<String> = sources.iter().map(|(_, signal, _)| signal.clone()).collect();
     // Up to where it fails, should it do so with these steps.
-    let (rows, _) = runs.rows(substeps, &names, VECTORS as f64 * period);
+    let (rows, _) = runs.rows(substeps, &names, PERIODS * period);
     // The values at the end of a step: those that a law reads which is stepped last.
     let column =
         |k: usize, on_the_way: Affine| rows.iter().skip(1).map(|row| on_the_way.of(row[k])).collect::<Vec<f64>>();

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use super::Source;
 use super::library::Library;
 use crate::error::Error;
-use crate::fmi2::firmware::Options;
+use crate::fmi2::firmware::{Firmware, Options};
 use crate::output::Files;
 
 /// Builds and tests all controllers of a folder.
 const BUILD: &str = include_str!("firmware.cmake");
 const BUILD_FILE: &str = "CMakeLists.txt";
 
-/// Writes the controller of a description into a folder as C for a target: `NAME.h`, `NAME.c`, `NAME_replay.c` with test vectors, and
-/// a CMakeLists.txt where there is none; their paths.
+/// Writes the controller of a description into a folder as C for a target: `NAME.h`, `NAME.c`, `NAME_replay.c` with test vectors,
+/// `NAME_data_sheet.md`, and a CMakeLists.txt where there is none; their paths, and the Runge-Kutta steps in a period.
 ///
 /// # Errors
 /// For a description or options that are refused, or files that can't be written; nothing is left half.
@@ -22,8 +22,8 @@ pub fn export_firmware(
     library: &Library,
     options: &Options,
     out: &Path,
-) -> Result<Vec<PathBuf>, Error> {
-    let mut files = library.firmware(source, options)?;
+) -> Result<(Vec<PathBuf>, u32), Error> {
+    let Firmware { mut files, substeps } = library.firmware(source, options)?;
     if !out.join(BUILD_FILE).exists() {
         files.push((BUILD_FILE.to_owned(), BUILD.to_owned()));
     }
@@ -32,5 +32,5 @@ pub fn export_firmware(
         written.add(name, text)?;
     }
     written.place()?;
-    Ok(files.into_iter().map(|(name, _)| out.join(name)).collect())
+    Ok((files.into_iter().map(|(name, _)| out.join(name)).collect(), substeps))
 }

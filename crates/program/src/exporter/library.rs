@@ -14,7 +14,7 @@ use crate::cache::{self, Checksum, Entry};
 use crate::dynamic;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described, FirmwareRequest, SourceUnit};
-use crate::fmi2::firmware::Options;
+use crate::fmi2::firmware::{Firmware, Options};
 use crate::text_file;
 
 /// Folder of the libraries in an archive for users without Rust, one folder a platform in it.
@@ -175,11 +175,11 @@ impl Library {
         describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
-    /// The controller of a description as C for a target: names and texts of files.
+    /// The controller of a description as C for a target.
     ///
     /// # Errors
     /// As [`Library::source`], and for options that don't fit; for a library of an older version, which knows no firmware.
-    pub fn firmware(&self, description: &Source, options: &Options) -> Result<Vec<(String, String)>, Error> {
+    pub fn firmware(&self, description: &Source, options: &Options) -> Result<Firmware, Error> {
         let refuse = |reason: String| refused(description, &reason);
         let request = FirmwareRequest { description: description.text.clone(), options: options.clone() };
         let text = serde_json::to_string(&request).map_err(|error| Error::Library(error.to_string()))?;

@@ -16,17 +16,18 @@ pub(super) fn write(law: &Law, structs: &Structs, name: &str) -> String {
     ]
     .concat();
     let (helpers, undefined) = helpers(&functions);
+    let (macros, ends) = macros(&(helpers.clone() + &functions));
     let text = format!(
         "/* {name}: see {name}.h. Generated from the recorded equations of the FMU of that name. */\n\n#include \"{name}.h\"\n\n\
-         #include <float.h>\n#include <limits.h>\n#include <math.h>\n#include <string.h>\n\n{MACROS}/* Memory \
-         that was initialised. */\n#define §_READY UINT32_C(0x{:08x})\n\n{}{helpers}{functions}{undefined}{END}",
+         #include <float.h>\n#include <limits.h>\n#include <math.h>\n#include <string.h>\n\n{CHECKS}{macros}/* Memory \
+         that was initialised. */\n#define §_READY UINT32_C(0x{:08x})\n\n{}{helpers}{functions}{undefined}{ends}",
         ready(law),
         structs.signals.declaration(&[], "real"),
     );
     text.replace('§', name)
 }
 
-const MACROS: &str = "\
+const CHECKS: &str = "\
 #if defined(__FAST_MATH__) || defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0
 #error \"-ffast-math takes away the checks of inputs and outputs for NaN and infinity\"
 #endif
@@ -34,30 +35,28 @@ const MACROS: &str = "\
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* Numbers of this file: R(x) is a constant, F(name) a function of <math.h>. */
-#define real §_real
-#ifdef §_FLOAT
-#define R(x) x##f
-#define F(name) name##f
-#define LARGE(x) FLT_MAX
-#define SMALL(x) FLT_MIN
-#else
-#define R(x) x
-#define F(name) name
-#define LARGE(x) x
-#define SMALL(x) x
-#endif
-
 ";
 
-const END: &str = "\
-#undef real
-#undef R
-#undef F
-#undef LARGE
-#undef SMALL
-#undef §_READY
-";
+/// Macros of numbers in float and in double: of all files, and those that a file may need.
+const MACROS: [(&str, &str, &str); 4] =
+    [("R(x)", "x##f", "x"), ("F(name)", "name##f", "name"), ("LARGE(x)", "FLT_MAX", "x"), ("SMALL(x)", "FLT_MIN", "x")];
+
+/// Macros of numbers that a text needs, and what ends them.
+fn macros(text: &str) -> (String, String) {
+    let name = |call: &str| call.split('(').next().unwrap_or_default().to_owned();
+    let needed = MACROS.into_iter().enumerate().filter(|(k, (call, ..))| *k < 2 || text.contains(&(name(call) + "(")));
+    let needed: Vec<_> = needed.map(|(_, one)| one).collect();
+    let of = |define: &dyn Fn(&(&str, &str, &str)) -> String| needed.iter().map(define).collect::<String>();
+    let (float, double) = (
+        of(&|(call, float, _)| format!("#define {call} {float}\n")),
+        of(&|(call, _, double)| format!("#define {call} {double}\n")),
+    );
+    let about = "/* Numbers of this file: R(x) is a constant, F(name) a function of <math.h>. */";
+    (
+        format!("{about}\n#define real §_real\n#ifdef §_FLOAT\n{float}#else\n{double}#endif\n\n"),
+        format!("#undef real\n{}#undef §_READY\n", of(&|(call, ..)| format!("#undef {}\n", name(call)))),
+    )
+}
 
 /// Functions that equations call; sources of FMUs have them, too.
 const HELPERS: [&str; 4] = ["sign", "wrapped", "whole", "power"];

@@ -94,6 +94,12 @@ impl Driver {
         }
     }
 
+    /// How often a step computes signals, with sides of indicators so many times while it integrates and no event.
+    pub fn evaluations(&self, within: u64) -> u64 {
+        let Reads { indicators, sample, .. } = self.reads;
+        1 + u64::from(sample) + if self.has_events && indicators { 2 + within } else { 0 }
+    }
+
     /// The line that computes signals, where something reads them.
     fn evaluate(&self, law: &Law, is_read: bool) -> String {
         if self.has_signals && is_read {
@@ -251,13 +257,12 @@ fn integrate(law: &Law, driver: &Driver) -> String {
     let unused = if driver.has_signals && events.is_empty() { "    (void)y;\n" } else { "" };
     format!(
         "/* One period by Runge-Kutta steps of order 4, inputs constant; not 0 where events don't end. */\nstatic int \
-         §_integrate({y})\n{{\n    const real h = R({:?}) / R({:?});\n{unused}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
-         {begins}§_states rates, sum, to;\n        {}\n        §_along(x, R(0.5) * h, &sum, &to);\n        {}\n        \
+         §_integrate({y})\n{{\n    const real h = R({:?}) / (real)§_SUBSTEPS;\n{unused}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
+         {begins}§_states rates;\n        §_states sum;\n        §_states to;\n        {}\n        §_along(x, R(0.5) * h, &sum, &to);\n        {}\n        \
          §_add(&sum, R(2.0), &rates);\n        §_along(x, R(0.5) * h, &rates, &to);\n        {}\n        §_add(&sum, R(2.0), \
          &rates);\n        §_along(x, h, &rates, &to);\n        {}\n        §_add(&sum, R(1.0), &rates);\n        to = \
          *x;\n        §_along(&to, h / R(6.0), &sum, x);\n{events}    }}\n    return 0;\n}}\n\n",
         law.period,
-        f64::from(law.substeps),
         rates("x", "&sum", ""),
         rates("&to", "&rates", " + R(0.5) * h"),
         rates("&to", "&rates", " + R(0.5) * h"),

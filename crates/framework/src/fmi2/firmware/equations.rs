@@ -4,7 +4,7 @@ use super::driver::{Driver, Writes};
 use super::functions::{Head, Structs, Written, access, function};
 use super::law::Law;
 use crate::fmi2::source::expression::Kind;
-use crate::recording::{Node, Recording};
+use crate::recording::{Node, Operation, Recording};
 use crate::system::Section;
 
 /// All of them.
@@ -150,32 +150,39 @@ fn sides(law: &Law, structs: &Structs, driver: &Driver) -> String {
     if !driver.has_events {
         return String::new();
     }
-    let results = &law.recorded.indicators.results;
-    let all: Vec<Written> = law
-        .indicators
-        .iter()
-        .enumerate()
-        .map(|(k, &number)| Written {
-            to: format!("z[{k}]"),
-            node: results[number],
-            kind: Kind::Real,
-            name: None,
-            source: "",
-        })
-        .collect();
+    let indicators = &law.recorded.indicators;
+    let results = || law.indicators.iter().map(|&number| indicators.results[number]);
+    // An indicator that is one of two numbers is a condition.
+    let condition = |node: Node| match indicators.tape.operation(node) {
+        Operation::Select(of, yes, no) => {
+            let sign = |node: &Node| indicators.tape.constant(*node).map(f64::signum);
+            (sign(yes) == Some(1.0) && sign(no) == Some(-1.0)).then_some(*of)
+        }
+        _ => None,
+    };
+    let conditions: Option<Vec<Node>> = results().map(condition).collect();
+    let (kind, to) = if conditions.is_some() { (Kind::Whole, "bool *above") } else { (Kind::Real, "real *z") };
+    let array = to.rsplit('*').next().unwrap_or_default();
+    let nodes = conditions.unwrap_or_else(|| results().collect());
+    let one = |(k, node)| Written { to: format!("{array}[{k}]"), node, kind, name: None, source: "" };
+    let all: Vec<Written> = nodes.into_iter().enumerate().map(one).collect();
     let head = Head {
         what: "Event indicators: a change of sign is an event.",
-        declaration: format!("static void §_indicators({}, real *z)", driver.declared(law, Writes::Nothing)),
+        declaration: format!("static void §_indicators({}, {to})", driver.declared(law, Writes::Nothing)),
         parameters: "",
     };
     let many = law.indicators.len();
-    function(law, structs, &head, &law.recorded.indicators, &all, &[])
+    let side = match kind {
+        Kind::Real => "z[k] < R(0.0) ? bit : z[k] > R(0.0) ? UINT32_C(0) : (d->indicator_sides & bit)",
+        Kind::Whole => "above[k] ? UINT32_C(0) : bit",
+    };
+    function(law, structs, &head, indicators, &all, &[])
         + &format!(
             "/* Bits of those that are negative; an indicator that is 0 stays on its side. */\nstatic uint32_t §_sides({})\n{{\n    \
-             real z[{many}];\n    uint32_t sides = 0;\n    §_indicators({}, z);\n    for (int k = 0; k < {many}; k++) {{\n        \
-             const uint32_t bit = UINT32_C(1) << k;\n        sides |= z[k] < R(0.0) ? bit : z[k] > R(0.0) ? 0 : (d->indicator_sides & \
-             bit);\n    }}\n    return sides;\n}}\n\n",
+             {}[{many}];\n    uint32_t sides = 0;\n    §_indicators({}, {array});\n    for (int k = 0; k < {many}; k++) {{\n        \
+             const uint32_t bit = UINT32_C(1) << k;\n        sides |= {side};\n    }}\n    return sides;\n}}\n\n",
             driver.declared(law, Writes::Nothing),
+            to.replace('*', ""),
             driver.called(law, Writes::Nothing, "x", "t")
         )
 }

@@ -115,7 +115,7 @@ pub(super) fn function(
     refusals: &[(Node, String)],
 ) -> String {
     let mut names = Names::beside(&PARAMETERS);
-    let mut function = Function::new(&mut names);
+    let mut function = Function::new(&mut names, "bool");
     let conditions = refusals.iter().map(|(node, _)| *node);
     let wanted: Vec<Node> = written.iter().map(|one| one.node).chain(conditions).collect();
     let given = read(law, structs, head, recording, &wanted, &mut function);

@@ -6,7 +6,8 @@ use super::Fallback;
 use super::driver::Driver;
 use super::functions::Structs;
 use super::law::Law;
-use super::members::ascii;
+use super::members::{Members, aligned, ascii};
+use super::substeps::Fastest;
 use crate::fmi2::source::names::Names;
 
 /// Status bits that every law has: names, bits, meanings.
@@ -25,7 +26,7 @@ const FIRST_FLAG: usize = 8;
 pub(super) fn flags(law: &Law) -> Vec<(String, usize, String)> {
     // Macros of the header begin with the name, too.
     let own = STATUS.iter().map(|(name, ..)| name.to_ascii_lowercase());
-    let own: Vec<String> = own.chain(["period", "substeps"].map(str::to_owned)).collect();
+    let own: Vec<String> = own.chain(["period", "substeps", "least_substeps"].map(str::to_owned)).collect();
     let mut names = Names::beside(&own.iter().map(String::as_str).collect::<Vec<_>>());
     let named = |(k, flag): (usize, crate::system::Element<'_>)| {
         let name = names.of(&flag.name().to_ascii_lowercase()).to_ascii_uppercase();
@@ -35,11 +36,11 @@ pub(super) fn flags(law: &Law) -> Vec<(String, usize, String)> {
 }
 
 /// The whole file.
-pub(super) fn write(law: &Law, structs: &Structs, name: &str) -> String {
+pub(super) fn write(law: &Law, structs: &Structs, fastest: Option<&Fastest>, name: &str) -> String {
     let description = law.model.description();
     let driver = Driver::of(law, structs);
     let mut text = format!("/* {name}: {}.\n *\n{}\n", ascii(&description.description), usage(law, structs));
-    text += &preamble(law, name);
+    text += &(preamble(name) + &timing(law, fastest));
     for members in [&structs.inputs, &structs.outputs, &structs.manual, &structs.parameters, &structs.prepared] {
         text += &members.declaration(&[], &format!("{name}_real"));
     }
@@ -84,16 +85,29 @@ fn usage(law: &Law, structs: &Structs) -> String {
     lines.iter().map(|line| format!(" * {line}").trim_end().to_owned() + "\n").collect::<String>() + " */\n"
 }
 
-fn preamble(law: &Law, name: &str) -> String {
+fn preamble(name: &str) -> String {
     let guard = format!("{}_H", name.to_ascii_uppercase());
     format!(
         "#ifndef {guard}\n#define {guard}\n\n#include <stdbool.h>\n#include <stdint.h>\n\n#ifdef __cplusplus\nextern \"C\" {{\n#endif\n\n\
-         #ifdef §_FLOAT\ntypedef float §_real;\n#else\ntypedef double §_real;\n#endif\n\n\
-         /* From call to call, s, and the Runge-Kutta steps of order 4 in each. */\n\
-         #define §_PERIOD {}\n#define §_SUBSTEPS {}\n\n",
-        plain(law.period),
-        law.substeps
+         #ifdef §_FLOAT\ntypedef float §_real;\n#else\ntypedef double §_real;\n#endif\n\n"
     )
+}
+
+/// Period and Runge-Kutta steps; with too few of them nothing is compiled.
+fn timing(law: &Law, fastest: Option<&Fastest>) -> String {
+    let Law { period, substeps, .. } = law;
+    let period = format!("/* From call to call, s. */\n#define §_PERIOD {}\n\n", plain(*period));
+    let Some(fastest) = fastest else {
+        return period
+            + &format!("/* Runge-Kutta steps of order 4 in each call. */\n#define §_SUBSTEPS {substeps}\n\n");
+    };
+    let (least, mode) = (fastest.least, fastest.told());
+    period
+        + &format!(
+            "/* Runge-Kutta steps of order 4 in each call. With fewer than the least number the fastest mode grows in place of decaying:\n \
+             * {mode}. */\n#ifndef §_SUBSTEPS\n#define §_SUBSTEPS {substeps}\n#endif\n#define §_LEAST_SUBSTEPS {least}\n#if \
+             §_SUBSTEPS < §_LEAST_SUBSTEPS\n#error \"§_SUBSTEPS is too small: the fastest mode of the controller grows\"\n#endif\n\n"
+        )
 }
 
 fn plain(value: f64) -> String {
@@ -102,27 +116,34 @@ fn plain(value: f64) -> String {
 
 /// The struct of a controller.
 fn state(structs: &Structs, driver: &Driver) -> String {
-    let mut text =
-        "/* A controller: all that it continues with. A copy of it continues as it does. */\ntypedef struct {\n"
-            .to_owned();
-    let mut member = |is: bool, line: &str| {
-        if is {
-            let _ = writeln!(text, "    {line}");
-        }
-    };
-    member(!structs.states.is_empty(), "§_states x;");
-    member(driver.has_discrete, "§_discrete d;");
-    member(!structs.parameters.is_empty(), "§_parameters p;");
-    member(!structs.prepared.is_empty(), "§_prepared r;");
-    member(!structs.manual.is_empty(), "§_manual manual;");
-    member(driver.holds, "§_outputs last;");
-    member(driver.counts_steps, "uint64_t steps; /* that were taken */");
-    member(true, "uint32_t refused; /* steps since §_init; it stays at its largest value */");
-    member(true, "uint32_t ready;");
-    member(!structs.manual.is_empty(), "bool enabled;");
-    member(true, "bool started;");
-    member(driver.has_changes, "bool calibrated;");
-    text + "} §;\n\n"
+    let lines = members(structs, driver, 8).into_iter().map(|(line, _)| format!("    {line}\n"));
+    let what = "/* A controller: all that it continues with. A copy of it continues as it does. */";
+    format!("{what}\ntypedef struct {{\n{}}} §;\n\n", lines.collect::<String>())
+}
+
+/// Bytes of a controller with real numbers of so many, where each number is aligned to its size.
+pub(super) fn bytes(structs: &Structs, driver: &Driver, real: usize) -> usize {
+    aligned(members(structs, driver, real).into_iter().map(|(_, size)| size)).0
+}
+
+/// Its members, with the bytes and the alignment of each.
+fn members(structs: &Structs, driver: &Driver, real: usize) -> Vec<(&'static str, (usize, usize))> {
+    let of = |members: &Members| members.bytes(&[], real);
+    let all = [
+        (!structs.states.is_empty(), "§_states x;", of(&structs.states)),
+        (driver.has_discrete, "§_discrete d;", structs.discrete.bytes(&driver.counters, real)),
+        (!structs.parameters.is_empty(), "§_parameters p;", of(&structs.parameters)),
+        (!structs.prepared.is_empty(), "§_prepared r;", of(&structs.prepared)),
+        (!structs.manual.is_empty(), "§_manual manual;", of(&structs.manual)),
+        (driver.holds, "§_outputs last;", of(&structs.outputs)),
+        (driver.counts_steps, "uint64_t steps; /* that were taken */", (8, 8)),
+        (true, "uint32_t refused; /* steps since §_init; it stays at its largest value */", (4, 4)),
+        (true, "uint32_t ready;", (4, 4)),
+        (!structs.manual.is_empty(), "bool enabled;", (1, 1)),
+        (true, "bool started;", (1, 1)),
+        (driver.has_changes, "bool calibrated;", (1, 1)),
+    ];
+    all.into_iter().filter(|(is, ..)| *is).map(|(_, line, size)| (line, size)).collect()
 }
 
 fn status(law: &Law) -> String {

@@ -162,7 +162,7 @@ fn step(law: &Law, structs: &Structs, driver: &Driver) -> String {
         "§_status §_step(§ *self, {inputs}§_outputs *out)\n{{\n    if (self->ready != §_READY) {{\n        (void)memset(out, 0, \
          sizeof *out);\n        return §_REFUSED | §_NOT_INITIALISED;\n    }}\n    §_status status;\n    §_outputs \
          given;\n{locals}    (void)memset(&given, 0, sizeof given);\n{status}    if ((status & §_REFUSED) == 0) \
-         {{\n{taken}    }} else {{\n{fallback}        self->refused += self->refused < UINT32_MAX ? 1 : 0;\n    }}\n    \
+         {{\n{taken}    }} else {{\n{fallback}        self->refused += self->refused < UINT32_MAX ? UINT32_C(1) : UINT32_C(0);\n    }}\n    \
          return status;\n}}\n\n"
     )
 }

@@ -7,7 +7,7 @@ use super::{Fallback, Options};
 use crate::error::Invalid;
 use crate::fmi2::source;
 use crate::model::{Block, Model};
-use crate::recording::{Comparison, Leaf, Method, Node, Note, Operation, Recording, Tape};
+use crate::recording::{Binary, Comparison, Leaf, Method, Node, Note, Operation, Recording, Tape};
 use crate::system::{Causality, Element, SamplingClock, Section, Variable, Variables};
 
 /// Names that the interface of all controllers has: who is in command isn't an input of a step, but set by a call.
@@ -222,6 +222,9 @@ impl<'a> Law<'a> {
         let recording = Recording::of_known(self.model.system(), method, &layout, &known);
         let known = self.known(&recording.tape);
         recording.simplified(&|tape, node| {
+            if self.is_reached(tape, node) {
+                return Some(true);
+            }
             let is_condition = matches!(
                 tape.operation(node),
                 Operation::Compare(..) | Operation::Not(_) | Operation::And(..) | Operation::Or(..)
@@ -248,6 +251,19 @@ impl<'a> Law<'a> {
             known.push(value);
         }
         known
+    }
+
+    /// True for a condition that all numbers of samples fulfil: a first sample that is awaited is this one.
+    fn is_reached(&self, tape: &Tape, node: Node) -> bool {
+        let Operation::Compare(Comparison::AtMost, least, count) = tape.operation(node) else { return false };
+        let is_count = |node: Node| {
+            self.clock.is_some_and(|clock| *tape.operation(node) == Operation::Leaf(Leaf::Real(clock.count as u32)))
+        };
+        let begins = match tape.operation(*count) {
+            Operation::Binary(Binary::Add, of, further) if is_count(*of) => tape.constant(*further),
+            _ => is_count(*count).then_some(0.0),
+        };
+        begins.zip(tape.constant(*least)).is_some_and(|(begins, least)| least <= begins)
     }
 
     /// True for the condition of a due sample: that time has reached what follows from the number of samples.

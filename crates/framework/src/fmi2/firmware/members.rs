@@ -128,6 +128,22 @@ impl Members {
         text
     }
 
+    /// Bytes of the struct with real numbers of so many, and its alignment, where each number is aligned to its size.
+    pub fn bytes(&self, extra: &[String], real: usize) -> (usize, usize) {
+        let size = |member: &Member| {
+            if member.is_real {
+                real
+            } else if member.is_boolean {
+                1
+            } else {
+                4
+            }
+        };
+        let own = self.list.iter().map(|member| (size(member) * member.elements.len(), size(member)));
+        let counters = extra.iter().map(|line| if line.starts_with("uint64_t") { (8, 8) } else { (4, 4) });
+        aligned(own.chain(counters))
+    }
+
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
@@ -171,6 +187,15 @@ impl Member {
             format!("    {}\n", text.replace('@', &self.name))
         }
     }
+}
+
+/// Bytes and alignment of a struct of members with these.
+pub(super) fn aligned(members: impl Iterator<Item = (usize, usize)>) -> (usize, usize) {
+    let next = |(end, most): (usize, usize), (size, align): (usize, usize)| {
+        (end.next_multiple_of(align) + size, most.max(align))
+    };
+    let (end, align) = members.fold((0, 1), next);
+    (end.next_multiple_of(align), align)
 }
 
 /// The description of elements: one text, or one each.

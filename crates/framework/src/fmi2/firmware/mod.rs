@@ -1,11 +1,12 @@
-//! A law as C99 for a target, without FMI: `NAME.h` and `NAME.c` generated from its recorded equations, and
-//! `NAME_replay.c`, which tests them.
+//! A law as C99 for a target, without FMI: `NAME.h` and `NAME.c` generated from its recorded equations, `NAME_replay.c`, which tests
+//! them, and `NAME_data_sheet.md`.
 //!
 //! A law's outputs decide what is there: signals, states and events that none of them needs are left out. Parameters are constants
 //! but for those that may be calibrated. A step takes a fixed number of Runge-Kutta steps of order 4; a sampled law counts calls
 //! from sample to sample, so that no sample is lost in the rounding of time. A step that is refused changes nothing.
 
 mod body;
+mod data_sheet;
 mod driver;
 mod equations;
 mod functions;
@@ -16,7 +17,9 @@ mod live;
 mod members;
 mod parameters;
 mod replay;
+mod substeps;
 mod vectors;
+mod work;
 
 use std::sync::Arc;
 
@@ -28,8 +31,9 @@ use crate::fmi2::source::SourceFile;
 use crate::model::Model;
 use functions::Structs;
 use law::Law;
+use substeps::Fastest;
+pub use vectors::Signals;
 use vectors::Vectors;
-pub use vectors::{Signals, VECTORS};
 
 /// Outputs of a step that is refused.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,18 +55,22 @@ pub struct Options {
     pub period: Option<f64>,
     /// Runge-Kutta steps in a period.
     pub substeps: u32,
+    /// True if there are more where the controller's own modes need more to decay; else too few are refused.
+    #[serde(default)]
+    pub may_rise: bool,
     /// Outputs of a refused step.
     pub fallback: Fallback,
     /// Parameters that can change at run time, without indices; all that can where there is no list.
     pub calibrate: Option<Vec<String>>,
-    /// Signals of a loop, a row a period, by the names of inputs: inputs of the test vectors, which are small ones otherwise.
+    /// Signals of a loop, a row a period, by the names of inputs: along them modes are found, and they are inputs of the test vectors,
+    /// which are small ones otherwise.
     #[serde(default)]
     pub signals: Option<Signals>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Options { period: None, substeps: 1, fallback: Fallback::Hold, calibrate: None, signals: None }
+        Options { period: None, substeps: 1, may_rise: true, fallback: Fallback::Hold, calibrate: None, signals: None }
     }
 }
 
@@ -88,14 +96,23 @@ impl Options {
     }
 }
 
-/// A controller's files: `NAME.h`, `NAME.c`, and `NAME_replay.c` with test vectors where a first step can be taken.
+/// A controller for a target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Firmware {
+    /// `NAME.h`, `NAME.c`, `NAME_replay.c` with test vectors where a first step can be taken, and `NAME_data_sheet.md`.
+    pub files: Vec<SourceFile>,
+    /// Runge-Kutta steps in a period.
+    pub substeps: u32,
+}
+
+/// A controller for a target.
 ///
 /// # Errors
 /// Options that don't fit, with what they may be; what C for targets can't do: equations that can't be recorded, events
 /// at times that aren't samples.
-pub fn files(model: &Arc<Model>, options: &Options) -> Result<Vec<SourceFile>, Invalid> {
+pub fn files(model: &Arc<Model>, options: &Options) -> Result<Firmware, Invalid> {
     options.check()?;
-    let law = Law::of(model, options)?;
+    let mut law = Law::of(model, options)?;
     let name = &model.description().name;
     let structs = Structs::of(&law, name);
     if options.fallback == Fallback::Manual && structs.manual.is_empty() {
@@ -107,11 +124,17 @@ pub fn files(model: &Arc<Model>, options: &Options) -> Result<Vec<SourceFile>, I
     }
     // A law that can't start from its own start values is not worth a target.
     Execution::new(Arc::clone(model)).initialise().map_err(Invalid::because)?;
+    let signals = options.signals.as_ref();
+    let fastest = Fastest::of(&law, &structs, model, signals)?;
+    substeps::raise(&mut law, options, fastest.as_ref())?;
+    let fastest = fastest.as_ref();
+    let vectors = Vectors::of(&law, &structs, model, signals);
     let mut files = vec![
-        (format!("{name}.h"), header::write(&law, &structs, name)),
+        (format!("{name}.h"), header::write(&law, &structs, fastest, name)),
         (format!("{name}.c"), body::write(&law, &structs, name)),
     ];
-    let vectors = Vectors::of(&law, &structs, model, options.signals.as_ref());
-    files.extend(vectors.map(|vectors| (format!("{name}_replay.c"), replay::write(&law, &structs, &vectors, name))));
-    Ok(files)
+    files.extend(vectors.as_ref().map(|made| (format!("{name}_replay.c"), replay::write(&law, &structs, made, name))));
+    let sheet = data_sheet::write(&law, &structs, fastest, vectors.as_ref(), name);
+    files.push((format!("{name}_data_sheet.md"), sheet));
+    Ok(Firmware { files, substeps: law.substeps })
 }

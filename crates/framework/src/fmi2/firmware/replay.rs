@@ -18,10 +18,12 @@ pub(super) fn write(law: &Law, structs: &Structs, vectors: &Vectors, name: &str)
         "/* {name}_replay.c: takes {} steps of {name}, and compares outputs and states with those that the FMU gives with the same\n \
          * Runge-Kutta steps. A program of its own, compiled with -D§_REPLAY: exit code 0 where they agree. On a target, printf is\n \
          * what the board makes of it: semihosting, or a serial line. */\n\n#include \"{name}.h\"\n\n#ifdef §_REPLAY\n\n\
-         #include <math.h>\n#include <stdio.h>\n#include <string.h>\n\n#define §_REPLAY_STEPS {}\n\n\
+         #include <math.h>\n#include <stdio.h>\n#include <string.h>\n\n#if §_SUBSTEPS != {}\n#error \"the vectors are those of {} Runge-Kutta steps in a call\"\n#endif\n\n#define §_REPLAY_STEPS {}\n\n\
          /* Differences that are allowed, in parts of the largest. */\n#ifdef §_FLOAT\n#define §_REPLAY_ALLOWED {}\n#else\n#define §_REPLAY_ALLOWED \
          {}\n#endif\n\n",
         vectors.inputs.len(),
+        law.substeps,
+        law.substeps,
         vectors.inputs.len(),
         ALLOWED[1],
         ALLOWED[0],

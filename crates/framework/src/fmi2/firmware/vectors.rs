@@ -12,7 +12,7 @@ use crate::model::Model;
 use crate::system::{Choice, Section};
 
 /// The most steps that are recorded.
-pub const VECTORS: usize = 100;
+const VECTORS: usize = 100;
 /// Without signals of a loop, inputs swing so far about their starts, in their own units, and so fast, in rad/s.
 const SWING: f64 = 0.02;
 const FREQUENCY: f64 = 3.0;
@@ -31,9 +31,9 @@ pub(super) struct Vectors {
     pub largest: [Vec<f64>; 2],
 }
 
-/// Inputs of the vectors: the signals of a loop, small ones, or the start values.
+/// Inputs of a run: the signals of a loop, small ones, or the start values.
 #[derive(Debug, Clone, Copy)]
-enum Source<'a> {
+pub(super) enum Source<'a> {
     Loop(&'a Signals),
     Small,
     Start,
@@ -56,7 +56,8 @@ impl Vectors {
     fn from(law: &Law, structs: &Structs, model: &Arc<Model>, source: Source) -> Self {
         let places = |of: &super::members::Members| of.reals().map(|(_, place)| place).collect::<Vec<_>>();
         let (inputs, outputs, states) = (places(&structs.inputs), places(&structs.outputs), places(&structs.states));
-        let mut runs = [started(law, model), started(law, model)];
+        let start = || started(law, model, IntegrationMethod::Fixed);
+        let mut runs = [start(), start()];
         let zeros = |places: &[usize]| vec![0.0; places.len()];
         let largest = [zeros(&outputs), zeros(&states)];
         let mut made = Vectors { inputs: Vec::new(), outputs: Vec::new(), states: zeros(&states), largest };
@@ -100,7 +101,7 @@ fn sizes(largest: &[f64]) -> Vec<f64> {
 }
 
 /// Takes a step, the first after initialisation; false where that is refused.
-fn taken(run: &mut Execution, law: &Law, (places, values): (&[usize], &[f64]), step: usize) -> bool {
+pub(super) fn taken(run: &mut Execution, law: &Law, (places, values): (&[usize], &[f64]), step: usize) -> bool {
     places.iter().zip(values).for_each(|(&place, &value)| run.set_real(place, value));
     let time = |step: usize| step as f64 * law.period;
     let taken = (step > 0 || run.initialise().is_ok()) && run.step(time(step), time(step + 1) - time(step)).is_ok();
@@ -110,17 +111,17 @@ fn taken(run: &mut Execution, law: &Law, (places, values): (&[usize], &[f64]), s
     taken
 }
 
-/// An instance with the start values of a law, which takes as many Runge-Kutta steps in a period.
-fn started(law: &Law, model: &Arc<Model>) -> Execution {
+/// An instance with the start values of a law, which takes as many Runge-Kutta steps in a period where its method is the fixed one.
+pub(super) fn started(law: &Law, model: &Arc<Model>, method: IntegrationMethod) -> Execution {
     let mut execution = Execution::new(Arc::clone(model));
     let variables = model.variables();
     let stepped = variables.stepped().map(|place| (place, execution.block().integers[place]));
     // Items of enumerations are counted from 1.
     let item = |place: Option<usize>| place.map_or(1, |place| place as i32 + 1);
-    let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed);
+    let method = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == method);
     let held = InputHandling::ITEMS.iter().position(|(item, ..)| *item == InputHandling::Hold);
     let chosen =
-        [("integration_method", item(fixed)), ("fixed_steps", law.substeps as i32), ("input_handling", item(held))];
+        [("integration_method", item(method)), ("fixed_steps", law.substeps as i32), ("input_handling", item(held))];
     let chosen = chosen.map(|(name, value)| variables.find(name).map(|element| (variables.index(element), value)));
     let block = execution.block_mut();
     block.copy_from(&law.start);
@@ -129,7 +130,7 @@ fn started(law: &Law, model: &Arc<Model>) -> Execution {
 }
 
 /// An input in a step.
-fn input(law: &Law, source: Source, (number, place): (usize, usize), step: usize) -> f64 {
+pub(super) fn input(law: &Law, source: Source, (number, place): (usize, usize), step: usize) -> f64 {
     let start = law.start.reals[place];
     let signals = match source {
         Source::Loop(signals) => signals,

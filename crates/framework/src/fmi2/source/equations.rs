@@ -144,7 +144,7 @@ pub(super) fn write(unit: &Unit) -> String {
 /// A function that computes nodes of a tape, tells and refuses what is noted, and writes what it has computed.
 pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target], notes: &[Note]) -> String {
     let mut names = Names::default();
-    let mut function = Function::new(&mut names);
+    let mut function = Function::new(&mut names, "int");
     let told: Vec<(Node, Told)> = notes.iter().map(|note| (note.condition(), unit.told(note))).collect();
     let of_notes = told.iter().flat_map(|(condition, told)| std::iter::once(*condition).chain(told.numbers.clone()));
     let wanted: Vec<Node> = targets.iter().map(|target| target.node).chain(of_notes).collect();

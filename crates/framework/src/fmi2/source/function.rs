@@ -19,6 +19,8 @@ pub struct Function<'a> {
     names: &'a mut Names,
     lines: String,
     indent: usize,
+    /// The type of conditions in C.
+    conditions: &'static str,
 }
 
 /// Operations of a tape, or of an iteration's body, and their expressions so far.
@@ -47,9 +49,9 @@ pub type Wanted = (Node, Option<Node>);
 pub type Given<'a> = dyn Fn(Leaf) -> Expression + 'a;
 
 impl<'a> Function<'a> {
-    /// Empty lines.
-    pub fn new(names: &'a mut Names) -> Self {
-        Function { names, lines: String::new(), indent: 1 }
+    /// Empty lines, where conditions have this type.
+    pub fn new(names: &'a mut Names, conditions: &'static str) -> Self {
+        Function { names, lines: String::new(), indent: 1, conditions }
     }
 
     /// The lines.
@@ -169,7 +171,15 @@ impl<'a> Function<'a> {
             Some(variable) => self.names.of(&variable),
             None => self.names.numbered(if found.kind == Kind::Real { "a" } else { "c" }, place),
         };
-        let of = if found.kind == Kind::Real { "real" } else { "int" };
+        let is_condition = matches!(
+            scope.operations[place],
+            Operation::Compare(..) | Operation::Not(_) | Operation::And(..) | Operation::Or(..)
+        );
+        let of = match found.kind {
+            Kind::Real => "real",
+            Kind::Whole if is_condition => self.conditions,
+            Kind::Whole => "int",
+        };
         self.line(&format!("const {of} {name} = {};", found.text));
         Expression::atom(name, found.kind)
     }

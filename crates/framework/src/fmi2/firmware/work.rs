@@ -1,0 +1,127 @@
+//! Operations of a controller's functions: what its equations take at most, on any processor.
+
+use std::ops::{Add, Mul};
+
+use super::driver::Driver;
+use super::functions::Structs;
+use super::law::{Law, Places};
+use crate::recording::{Binary, Node, Operation, Recording, Unary};
+
+/// Operations on numbers, whichever branch is taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Work {
+    /// Additions, subtractions, multiplications, comparisons and selections.
+    pub simple: u64,
+    /// Divisions and square roots.
+    pub divisions: u64,
+    /// Calls of functions of <math.h> in addition to roots and magnitudes.
+    pub functions: u64,
+}
+
+impl Add for Work {
+    type Output = Work;
+
+    fn add(self, other: Work) -> Work {
+        let [simple, divisions, functions] =
+            [self.simple + other.simple, self.divisions + other.divisions, self.functions + other.functions];
+        Work { simple, divisions, functions }
+    }
+}
+
+impl Mul<u64> for Work {
+    type Output = Work;
+
+    fn mul(self, times: u64) -> Work {
+        Work { simple: self.simple * times, divisions: self.divisions * times, functions: self.functions * times }
+    }
+}
+
+/// A function: when it is called, and what a call takes.
+#[derive(Debug)]
+pub(super) struct Row {
+    pub what: &'static str,
+    pub calls: String,
+    pub work: Work,
+}
+
+/// A row for each function that computes anything, and what a step takes at most in which nothing but its samples and the integration
+/// happens: no start, no hand-over, no calibration.
+pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
+    let nodes = |of: Places| of.into_iter().map(|(_, node)| node).collect::<Vec<_>>();
+    let recorded = &law.recorded;
+    let changes = |recording: &Recording| {
+        let (reals, integers) = law.changed(recording);
+        // A whole number is brought within its range.
+        let whole = Work { simple: 3 * integers.len() as u64, ..Work::default() };
+        let refusals = law.refusals(recording).into_iter().map(|(condition, _)| condition);
+        whole + of(recording, &nodes(reals).into_iter().chain(nodes(integers)).chain(refusals).collect::<Vec<_>>())
+    };
+    let indicators: Vec<Node> = law.indicators.iter().map(|&k| recorded.indicators.results[k]).collect();
+    let states = law.rates().len() as u64;
+    // Four rates; the states along them four times, and their sum three times.
+    let sums = Work { simple: 14 * states + 3, divisions: 1, functions: 0 };
+    let integrated = of(&recorded.evaluate, &nodes(law.rates())) * 4 + sums;
+    let signals: Vec<Node> = [law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
+    let substeps = u64::from(law.substeps);
+    let sample = recorded.sample.as_ref().map(&changes).unwrap_or_default();
+    let every = if law.every == 1 { "1".to_owned() } else { format!("1 in {} steps", law.every) };
+    let evaluated = of(&recorded.evaluate, &signals);
+    // Each input is compared once, each state and output twice, with a magnitude; limits of an output take four comparisons; a
+    // step is divided by its substeps.
+    let (inputs, outputs) = (structs.inputs.reals().count() as u64, structs.outputs.reals().count() as u64);
+    let compared = Work { simple: inputs + 2 * states + 6 * outputs, divisions: u64::from(states > 0), functions: 0 };
+    let completed = changes(&recorded.completed) + changes(&recorded.check) + compared;
+    let sides = of(&recorded.indicators, &indicators);
+    let within = if law.events_within && states > 0 { substeps } else { 0 };
+    let evaluations = Driver::of(law, structs).evaluations(within);
+    let of_each = [
+        ("a Runge-Kutta step", substeps.to_string(), integrated, if states > 0 { substeps } else { 0 }),
+        ("a sample", every, sample, 1),
+        ("outputs", evaluations.to_string(), evaluated, evaluations),
+        ("flags and checks", "1".to_owned(), completed, 1),
+        ("sides of indicators", (1 + within).to_string(), sides, 1 + within),
+        ("an event, as a hand-over", "at most 8".to_owned(), changes(&recorded.event), 0),
+        ("a change of parameters", "after a calibration".to_owned(), changes(&recorded.parameters_changed), 0),
+        ("the start", "in the first step".to_owned(), changes(&recorded.start), 0),
+    ];
+    let whole = of_each.iter().fold(Work::default(), |sum, (.., work, times)| sum + *work * *times);
+    let rows = of_each.into_iter().map(|(what, calls, work, _)| Row { what, calls, work });
+    (rows.filter(|row| row.work != Work::default()).collect(), whole)
+}
+
+/// Operations that some nodes need.
+fn of(recording: &Recording, nodes: &[Node]) -> Work {
+    let needed = recording.tape.needed(nodes);
+    let operations = recording.tape.operations().iter().zip(needed).filter(|(_, needed)| *needed);
+    operations.fold(Work::default(), |sum, (operation, _)| sum + of_operation(operation))
+}
+
+fn of_operation(operation: &Operation) -> Work {
+    let simple = |simple| Work { simple, ..Work::default() };
+    match operation {
+        Operation::Constant(_) | Operation::Leaf(_) | Operation::Part(..) | Operation::Carried(_) => Work::default(),
+        Operation::Unary(Unary::Neg | Unary::Abs, _) => simple(1),
+        Operation::Unary(Unary::Signum, _) => simple(2),
+        Operation::Unary(Unary::Wrap, _) => Work { functions: 1, ..simple(3) },
+        Operation::Unary(Unary::Sqrt | Unary::Recip, _) | Operation::Binary(Binary::Div, ..) => {
+            Work { divisions: 1, ..Work::default() }
+        }
+        Operation::Unary(..) | Operation::Binary(Binary::Pow, ..) | Operation::Powf(..) | Operation::Opaque(..) => {
+            Work { functions: 1, ..Work::default() }
+        }
+        // By squares and products.
+        Operation::Powi(_, exponent) => Work {
+            divisions: u64::from(*exponent < 0),
+            ..simple(2 * u64::from(32 - exponent.unsigned_abs().leading_zeros()))
+        },
+        Operation::Binary(..)
+        | Operation::Compare(..)
+        | Operation::Not(_)
+        | Operation::And(..)
+        | Operation::Or(..)
+        | Operation::Select(..) => simple(1),
+        Operation::Iterate { body, most, .. } => {
+            body.operations.iter().fold(Work::default(), |sum, one| sum + of_operation(one)) * *most as u64
+        }
+    }
+}
