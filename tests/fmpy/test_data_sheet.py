@@ -107,6 +107,8 @@ def test_a_controller_takes_the_bytes_that_its_sheet_tells(name: str, laws: Laws
     folder = laws.firmware(name, SUBSTEPS)
     told = [int(number) for number in re.search(r"takes (\d+) bytes in double and (\d+) in float", sheet(folder, name)).groups()]
     assert told == [Law(folder, name, *defines).c.law_size() for defines in ([], [f"-D{name}_FLOAT"])]
+    # Of what it doesn't integrate nothing is told.
+    assert sheet(folder, name).count("Runge-Kutta step") == (2 if f"{name}_states x;" in (folder / f"{name}.h").read_text() else 0)
 
 
 COUNTING = """

@@ -75,9 +75,9 @@ def test_no_exception_is_raised_from_the_start_and_from_random_states(name, buil
 def test_no_exception_is_raised_by_a_law_for_a_target(name, build, sources, tmp_path) -> None:
     variables = fmpy.read_model_description(str(sources / name)).modelVariables
     # A law with a funnel takes any inputs where that is wide: outside it, its transformed error is no number.
-    wide = {"rho_0": 1000.0, "rho_inf": 1000.0}
-    values = {v.name: wide[v.name.split("[")[0]] * float(v.start) for v in variables if v.name.split("[")[0] in wide}
-    values |= {v.name: 1.0 for v in variables if v.name.split("[")[0] == "overshoot"}
+    wide = {"rho_0": lambda start: 1000 * start, "rho_inf": lambda start: 1000 * start, "overshoot": lambda _: 1.0}
+    of_funnel = [(v, wide[v.name.split("[")[0]]) for v in variables if v.name.split("[")[0] in wide]
+    values = {v.name: widened(float(v.start)) for v, widened in of_funnel}
     parameters = "".join(f'<Parameter name="{of}"><Real value="{value}"/></Parameter>' for of, value in values.items())
     (tmp_path / "wide.ssv").write_text(
         '<ParameterSet xmlns="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="1.0" name="wide">'

@@ -75,7 +75,7 @@ impl SampledFilter {
         General::declare(d, filter, plant).map(|general| SampledFilter::General(Box::new(general)))
     }
 
-    /// What follows from parameters that may change while it runs.
+    /// e^(−k T), which changes with the feedback gains.
     pub fn relate<S: Scalar>(&self, law: &L1Sampled, v: &mut Point<S>) {
         let SampledFilter::Integrator { K, left } = self else { return };
         for i in 0..K.len() {

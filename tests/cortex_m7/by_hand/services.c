@@ -62,7 +62,7 @@ int main(void)
 {
     static GENERATED generated, rounded;
     static BY_HAND by_hand;
-    double in[INPUTS], out[OUTPUTS], beside[OUTPUTS], given[OUTPUTS], manual[OUTPUTS], parameters[PARAMETERS], phase[INPUTS];
+    double in[INPUTS], out[OUTPUTS], out_rounded[OUTPUTS], given[OUTPUTS], manual[OUTPUTS], parameters[PARAMETERS], phase[INPUTS];
     int count[5] = {0}, amplified = 0, edges = 0;
     srand(SEED);
     memset(&generated, 0x5a, sizeof generated);
@@ -105,8 +105,8 @@ int main(void)
         for (int k = 0; k < INPUTS; k++) in[k] = size * sin((k + 1) * time + phase[k]);
         if (rand() % 40 == 0) in[rand() % INPUTS] = rand() % 3 == 0 ? 1e13 : rand() % 2 ? NAN : -INFINITY;
         const unsigned status = G(_step)(&generated, (const void *)in, (void *)out), reasons = 30;
-        const unsigned other = G(_step)(&rounded, (const void *)in, (void *)beside), found = H(_step)(&by_hand, (const void *)in, (void *)given);
-        double by_rounding = apart(out, beside, OUTPUTS), by_another = apart(out, given, OUTPUTS);
+        const unsigned other = G(_step)(&rounded, (const void *)in, (void *)out_rounded), found = H(_step)(&by_hand, (const void *)in, (void *)given);
+        double by_rounding = apart(out, out_rounded, OUTPUTS), by_another = apart(out, given, OUTPUTS);
 #ifndef SAMPLED
         const double *x = (const double *)&generated.x;
         double *x_rounded = (double *)&rounded.x;

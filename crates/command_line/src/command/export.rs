@@ -241,7 +241,7 @@ impl Arguments {
     }
 }
 
-/// Where the number of a controller's Runge-Kutta steps was found.
+/// The loop in which the number of a controller's Runge-Kutta steps was found.
 struct FoundIn {
     name: String,
     loop_name: String,

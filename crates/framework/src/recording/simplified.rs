@@ -74,9 +74,7 @@ impl Tape {
             operation => self.add(operation),
         }
     }
-}
 
-impl Tape {
     /// A selection without those in its branches that its own condition decides.
     fn selected(&mut self, condition: Node, yes: Node, no: Node) -> Node {
         let (condition, yes, no) = match self.operation(condition) {
@@ -94,7 +92,7 @@ impl Tape {
             node
         };
         let (yes, no) = (branch(yes, true), branch(no, false));
-        if yes == no { yes } else { self.add(Operation::Select(condition, yes, no)) }
+        self.add(Operation::Select(condition, yes, no))
     }
 }
 

@@ -41,15 +41,13 @@ pub fn in_loop(
     units: &Ready,
 ) -> Result<InLoop, Error> {
     let runs = Runs::of(structure, component, period, units)?;
-    let substeps = match asked {
-        Some(asked) => asked,
-        None if runs.method.is_none() => 1,
-        None => runs.fewest()?,
-    };
     let sources = runs.loaded.sources(&component.name);
     let names: Vec<String> = sources.iter().map(|(_, signal, _)| signal.clone()).collect();
-    // Up to where it fails, should it do so with these steps.
-    let (rows, _) = runs.rows(substeps, &names, PERIODS * period);
+    let (substeps, rows) = match (asked, &runs.method) {
+        (None, Some(_)) => runs.fewest(&names)?,
+        // Up to where it fails, should it do so with these steps.
+        (asked, _) => (asked.unwrap_or(1), runs.rows(asked.unwrap_or(1), &names).0),
+    };
     // The values at the end of a step: those that a law reads which is stepped last.
     let column =
         |k: usize, on_the_way: Affine| rows.iter().skip(1).map(|row| on_the_way.of(row[k])).collect::<Vec<f64>>();
@@ -88,9 +86,9 @@ impl Runs {
         Ok(Runs { loaded, settings, method, outputs, fmu: component.fmu.clone() })
     }
 
-    /// Signals at each point of a run, for so long at most, s; no number where the loop has no such signal. They end where the
-    /// run fails.
-    fn rows(&self, count: u32, signals: &[String], duration: f64) -> (Vec<Vec<f64>>, Result<(), Error>) {
+    /// Signals at each point of a run, in the first periods; no number where the loop has no such signal. They end where the run
+    /// fails.
+    fn rows(&self, count: u32, signals: &[String]) -> (Vec<Vec<f64>>, Result<(), Error>) {
         let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed);
         let values = [fixed.map_or(0, |place| place as i32 + 1), count as i32].map(Value::Integer);
         let start: Vec<_> = self.method.into_iter().flatten().zip(values).collect();
@@ -99,7 +97,8 @@ impl Runs {
             let closed = self.loaded.instantiate_with(&start)?;
             let places: Vec<Option<usize>> =
                 signals.iter().map(|name| closed.names().iter().position(|known| known == name)).collect();
-            let settings = Settings { stop_time: self.settings.stop_time.min(duration), ..self.settings };
+            let settings =
+                Settings { stop_time: self.settings.stop_time.min(PERIODS * self.settings.step), ..self.settings };
             closed.watch(settings, &[], |_, row| {
                 rows.push(places.iter().map(|place| place.map_or(f64::NAN, |place| row[place])).collect::<Vec<f64>>());
                 true
@@ -109,9 +108,11 @@ impl Runs {
         (rows, ended)
     }
 
-    fn fewest(&self) -> Result<u32, Error> {
+    /// The fewest Runge-Kutta steps, and further signals with them.
+    fn fewest(&self, further: &[String]) -> Result<(u32, Vec<Vec<f64>>), Error> {
+        let (outputs, names) = (self.outputs.len(), [&self.outputs, further].concat());
         let run = |count: u32| {
-            let (rows, ended) = self.rows(count, &self.outputs, PERIODS * self.settings.step);
+            let (rows, ended) = self.rows(count, &names);
             ended.map(|()| rows)
         };
         let (mut count, mut coarse) = (1, run(1));
@@ -119,9 +120,9 @@ impl Runs {
             let fine = run(2 * count);
             // With too few steps a law may leave any range.
             if let (Ok(coarse), Ok(fine)) = (&coarse, &fine)
-                && are_same(coarse, fine)
+                && are_same(coarse, fine, outputs)
             {
-                return Ok(count);
+                return Ok((count, coarse.iter().map(|row| row[outputs..].to_vec()).collect()));
             }
             (count, coarse) = (2 * count, fine);
         }
@@ -134,9 +135,8 @@ impl Runs {
     }
 }
 
-/// True if all outputs are nearly the same.
-fn are_same(coarse: &[Vec<f64>], fine: &[Vec<f64>]) -> bool {
-    let outputs = fine.first().map_or(0, Vec::len);
+/// True if so many outputs, which come first in a row, are nearly the same.
+fn are_same(coarse: &[Vec<f64>], fine: &[Vec<f64>], outputs: usize) -> bool {
     (0..outputs).all(|k| {
         let largest = fine.iter().map(|row| row[k].abs()).fold(0.0, f64::max);
         coarse.iter().zip(fine).all(|(one, other)| (one[k] - other[k]).abs() <= APART * largest)

@@ -37,25 +37,25 @@ const CHECKS: &str = "\
 
 ";
 
-/// Macros of numbers in float and in double: of all files, and those that a file may need.
-const MACROS: [(&str, &str, &str); 4] =
-    [("R(x)", "x##f", "x"), ("F(name)", "name##f", "name"), ("LARGE(x)", "FLT_MAX", "x"), ("SMALL(x)", "FLT_MIN", "x")];
+/// Macros of numbers: name, argument, and what they are in float and in double.
+const MACROS: [(&str, &str, &str, &str); 4] = [
+    ("R", "x", "x##f", "x"),
+    ("F", "name", "name##f", "name"),
+    ("LARGE", "x", "FLT_MAX", "x"),
+    ("SMALL", "x", "FLT_MIN", "x"),
+];
 
-/// Macros of numbers that a text needs, and what ends them.
+/// Macros of numbers that a text uses, and the lines that end them.
 fn macros(text: &str) -> (String, String) {
-    let name = |call: &str| call.split('(').next().unwrap_or_default().to_owned();
-    let needed = MACROS.into_iter().enumerate().filter(|(k, (call, ..))| *k < 2 || text.contains(&(name(call) + "(")));
-    let needed: Vec<_> = needed.map(|(_, one)| one).collect();
-    let of = |define: &dyn Fn(&(&str, &str, &str)) -> String| needed.iter().map(define).collect::<String>();
-    let (float, double) = (
-        of(&|(call, float, _)| format!("#define {call} {float}\n")),
-        of(&|(call, _, double)| format!("#define {call} {double}\n")),
-    );
+    let (mut float, mut double, mut ends) = (String::new(), String::new(), String::from("#undef real\n"));
+    for (name, argument, in_float, in_double) in MACROS.iter().filter(|(name, ..)| text.contains(&format!("{name}("))) {
+        float += &format!("#define {name}({argument}) {in_float}\n");
+        double += &format!("#define {name}({argument}) {in_double}\n");
+        ends += &format!("#undef {name}\n");
+    }
     let about = "/* Numbers of this file: R(x) is a constant, F(name) a function of <math.h>. */";
-    (
-        format!("{about}\n#define real §_real\n#ifdef §_FLOAT\n{float}#else\n{double}#endif\n\n"),
-        format!("#undef real\n{}#undef §_READY\n", of(&|(call, ..)| format!("#undef {}\n", name(call)))),
-    )
+    let begins = format!("{about}\n#define real §_real\n#ifdef §_FLOAT\n{float}#else\n{double}#endif\n\n");
+    (begins, ends + "#undef §_READY\n")
 }
 
 /// Functions that equations call; sources of FMUs have them, too.

@@ -9,7 +9,7 @@ use super::law::Law;
 use super::substeps::Fastest;
 use super::vectors::Vectors;
 use super::work::{self, Work};
-use crate::report::number;
+use crate::report::{Finding, Value, number};
 
 /// Findings of a design report that a data sheet has.
 const DELAY_MARGIN: &str = "delay margin";
@@ -28,23 +28,34 @@ pub(super) fn write(
         description.description,
         env!("CARGO_PKG_VERSION")
     );
-    [intro, timing(law, fastest), delay(law), operations(law, structs), memory(law, structs), proof(vectors, name)]
-        .join("\n")
+    [
+        intro,
+        timing(law, structs, fastest),
+        delay(law),
+        operations(law, structs),
+        memory(law, structs),
+        proof(vectors, name),
+    ]
+    .join("\n")
 }
 
-fn timing(law: &Law, fastest: Option<&Fastest>) -> String {
+fn timing(law: &Law, structs: &Structs, fastest: Option<&Fastest>) -> String {
     let mut rows = vec![("time from call to call", format!("{} s", number(law.period)))];
     if law.every > 0 {
         rows.push(("time from sample to sample", format!("{} s", number(law.period * f64::from(law.every)))));
     }
+    if !structs.states.is_empty() {
+        let least = fastest.map_or(String::new(), |fastest| format!(", at least {}", fastest.least));
+        rows.push(("Runge-Kutta steps of order 4 in a call", format!("{}{least}", law.substeps)));
+    }
     if let Some(fastest) = fastest {
-        rows.push(("Runge-Kutta steps of order 4 in a call", format!("{}, at least {}", law.substeps, fastest.least)));
         rows.push(("fastest mode that decays", fastest.told()));
         rows.push(("longest period with so many steps", format!("{} s", number(fastest.longest(law.substeps)))));
     }
     let rows: String = rows.into_iter().map(|(what, value)| format!("| {what} | {value} |\n")).collect();
     let note = if fastest.is_some() {
-        "\nBeyond the longest period the fastest mode grows, with any plant. Whether the loop tolerates a longer period is another question: \
+        "\nModes are those with the parameters of the export, along the signals of its loop; larger gains may make them faster. Beyond the \
+         longest period the fastest one grows, with any plant. Whether the loop tolerates a longer period is another question: \
          export with `--period`, and simulate the loop with that communication step.\n"
     } else {
         ""
@@ -56,10 +67,9 @@ fn timing(law: &Law, fastest: Option<&Fastest>) -> String {
 fn delay(law: &Law) -> String {
     let report = law.model.report();
     let margins = report.findings.iter().filter(|finding| finding.name == DELAY_MARGIN);
-    let line = |finding: &crate::report::Finding| {
+    let line = |finding: &Finding| {
         let note = if finding.note.is_empty() { String::new() } else { format!(": {}", finding.note) };
-        let unit =
-            if finding.value.lines()[0].starts_with(|c: char| c.is_ascii_digit()) { finding.unit.as_str() } else { "" };
+        let unit = if matches!(finding.value, Value::Text(_)) { "" } else { finding.unit.as_str() };
         format!("- {}{note}\n", format!("{} {unit}", finding.value.lines().join(", ")).trim_end())
     };
     let mut lines: String = margins.map(line).collect();
@@ -67,9 +77,11 @@ fn delay(law: &Law) -> String {
         lines =
             "The design report has no delay margin for this controller: simulate the loop with a delay.\n".to_owned();
     }
+    // The design of a sampled law has the constant control between samples in it.
+    let hold = if law.every > 0 { "" } else { " and half a period, for which the control is constant," };
     format!(
-        "## Delay margin\n\nOf the nominal design (`adaptive-fmu check` has the whole report). The time from measurement to drive counts, \
-         and half a period of the constant control.\n\n{lines}"
+        "## Delay margin\n\nOf the nominal design (`adaptive-fmu check` has the whole report). The time from a measurement to the control \
+         that follows from it{hold} must stay below it.\n\n{lines}"
     )
 }
 

@@ -94,10 +94,11 @@ impl Driver {
         }
     }
 
-    /// How often a step computes signals, with sides of indicators so many times while it integrates and no event.
-    pub fn evaluations(&self, within: u64) -> u64 {
-        let Reads { indicators, sample, .. } = self.reads;
-        1 + u64::from(sample) + if self.has_events && indicators { 2 + within } else { 0 }
+    /// Calls of the functions of sides and of signals in a step without an event, where it takes a sample.
+    pub fn calls(&self, law: &Law) -> [u64; 2] {
+        let within = if law.events_within && self.has_states { u64::from(law.substeps) } else { 0 };
+        let sides = if self.has_events { 1 + within + u64::from(law.every > 0) } else { 0 };
+        [sides, 1 + u64::from(self.reads.sample) + if self.reads.indicators { sides } else { 0 }]
     }
 
     /// The line that computes signals, where something reads them.

@@ -155,8 +155,8 @@ fn sides(law: &Law, structs: &Structs, driver: &Driver) -> String {
     // An indicator that is one of two numbers is a condition.
     let condition = |node: Node| match indicators.tape.operation(node) {
         Operation::Select(of, yes, no) => {
-            let sign = |node: &Node| indicators.tape.constant(*node).map(f64::signum);
-            (sign(yes) == Some(1.0) && sign(no) == Some(-1.0)).then_some(*of)
+            let (yes, no) = indicators.tape.constant(*yes).zip(indicators.tape.constant(*no))?;
+            (yes > 0.0 && no < 0.0).then_some(*of)
         }
         _ => None,
     };

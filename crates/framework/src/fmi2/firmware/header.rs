@@ -104,8 +104,8 @@ fn timing(law: &Law, fastest: Option<&Fastest>) -> String {
     let (least, mode) = (fastest.least, fastest.told());
     period
         + &format!(
-            "/* Runge-Kutta steps of order 4 in each call. With fewer than the least number the fastest mode grows in place of decaying:\n \
-             * {mode}. */\n#ifndef §_SUBSTEPS\n#define §_SUBSTEPS {substeps}\n#endif\n#define §_LEAST_SUBSTEPS {least}\n#if \
+            "/* Runge-Kutta steps of order 4 in each call. With fewer than the least number the fastest mode with the parameters of the export\n \
+             * grows in place of decaying: {mode}. Larger gains may need more. */\n#ifndef §_SUBSTEPS\n#define §_SUBSTEPS {substeps}\n#endif\n#define §_LEAST_SUBSTEPS {least}\n#if \
              §_SUBSTEPS < §_LEAST_SUBSTEPS\n#error \"§_SUBSTEPS is too small: the fastest mode of the controller grows\"\n#endif\n\n"
         )
 }

@@ -103,7 +103,7 @@ impl Fastest {
 /// Takes the steps that the modes of a law ask for, where it may be more than it has.
 ///
 /// # Errors
-/// Where its number was given, and is too small.
+/// A number that was given and is too small.
 pub(super) fn raise(law: &mut Law, options: &Options, fastest: Option<&Fastest>) -> Result<(), Invalid> {
     let Some(fastest) = fastest.filter(|fastest| law.substeps < fastest.least) else { return Ok(()) };
     if options.may_rise {

@@ -36,7 +36,7 @@ impl Mul<u64> for Work {
     }
 }
 
-/// A function: when it is called, and what a call takes.
+/// A function of the C file, its calls in a step, and the operations of each.
 #[derive(Debug)]
 pub(super) struct Row {
     pub what: &'static str,
@@ -60,7 +60,7 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     let states = law.rates().len() as u64;
     // Four rates; the states along them four times, and their sum three times.
     let sums = Work { simple: 14 * states + 3, divisions: 1, functions: 0 };
-    let integrated = of(&recorded.evaluate, &nodes(law.rates())) * 4 + sums;
+    let integrated = if states > 0 { of(&recorded.evaluate, &nodes(law.rates())) * 4 + sums } else { Work::default() };
     let signals: Vec<Node> = [law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
     let substeps = u64::from(law.substeps);
     let sample = recorded.sample.as_ref().map(&changes).unwrap_or_default();
@@ -72,14 +72,13 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     let compared = Work { simple: inputs + 2 * states + 6 * outputs, divisions: u64::from(states > 0), functions: 0 };
     let completed = changes(&recorded.completed) + changes(&recorded.check) + compared;
     let sides = of(&recorded.indicators, &indicators);
-    let within = if law.events_within && states > 0 { substeps } else { 0 };
-    let evaluations = Driver::of(law, structs).evaluations(within);
+    let [side_calls, evaluations] = Driver::of(law, structs).calls(law);
     let of_each = [
-        ("a Runge-Kutta step", substeps.to_string(), integrated, if states > 0 { substeps } else { 0 }),
+        ("a Runge-Kutta step", substeps.to_string(), integrated, substeps),
         ("a sample", every, sample, 1),
         ("outputs", evaluations.to_string(), evaluated, evaluations),
         ("flags and checks", "1".to_owned(), completed, 1),
-        ("sides of indicators", (1 + within).to_string(), sides, 1 + within),
+        ("sides of indicators", side_calls.to_string(), sides, side_calls),
         ("an event, as a hand-over", "at most 8".to_owned(), changes(&recorded.event), 0),
         ("a change of parameters", "after a calibration".to_owned(), changes(&recorded.parameters_changed), 0),
         ("the start", "in the first step".to_owned(), changes(&recorded.start), 0),
