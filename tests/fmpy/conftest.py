@@ -45,11 +45,9 @@ if hasattr(signal, "SIGHUP"):
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
 IN_THE_CHECKOUT = {"test_readme", "test_my_controller", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
 
-# Files about laws and loops, one by one: a commit takes every third of their tests, another one the others.
-IN_THIRDS = {
-    *("test_check", "test_closed_loop", "test_float", "test_l1_design", "test_l1_loops", "test_league", "test_mimo_loops"),
-    *("test_mrac_loops", "test_other_laws", "test_plants", "test_ppf_loops"),
-}
+# Files that a commit takes whole. Of all others it takes every third test, as its number without the third of loops says: in turn every
+# test meets every loop.
+WHOLE = {"test_sample", "test_words", "test_readme", "test_my_controller"}
 
 # Folders of a run of tests that stay until its end.
 SHARED = {"exported", "fmus", "unpacked"}
@@ -66,12 +64,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """A test that is named runs, slow or not; of FMUs that are compiled from C sources, every third test of the whole suite."""
+    """A test that is named runs, slow or not; of the others every third, of FMUs that are compiled from C sources, too."""
     if sample.ALL or not COMPILED and any("::" in name or name.endswith(".py") for name in config.args):
         return
     left = [item for item in items if item.get_closest_marker("slow")]
     for file, tests in groupby(items, key=lambda item: item.path.stem):
-        left += [item for k, item in enumerate(tests) if (COMPILED or file in IN_THIRDS) and k % 3 != sample.NUMBER % 3]
+        left += [item for k, item in enumerate(tests) if file not in WHOLE and k % 3 != sample.NUMBER // 3 % 3]
     config.hook.pytest_deselected(items=left)
     items[:] = [item for item in items if item not in set(left)]
 

@@ -115,7 +115,8 @@ def by_hand(folder: Path, steps: int, step: float, events: list[tuple[float, str
 
 def test_a_loop_gives_what_a_master_gives_that_sets_the_values(tmp_path: Path) -> None:
     rng = np.random.default_rng([NUMBER, 91])
-    events = [(round(rng.uniform(0.3, 1), 3), "plant.omega", rng.uniform(1, 2.5)), (1.2, "plant.a1", rng.uniform(0, 2))]
+    # Away from the 2 rad/s that it has: nearer, the controller leaves nothing to be seen.
+    events = [(round(rng.uniform(0.3, 1), 3), "plant.omega", rng.uniform(1, 1.7)), (1.2, "plant.a1", rng.uniform(0, 2))]
     events += [(1.2, "controller.u_max[1]", rng.uniform(1.2, 1.6)), (1.7, "controller.u_max[1]", 1e15)]
     expected = by_hand(tmp_path, 2500, 1e-3, events)
     loop = adaptive_fmu.Loop(LOOP)
