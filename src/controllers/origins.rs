@@ -108,11 +108,12 @@ impl Origins {
         self.place(state).map_or(S::from(0.0), |k| v[self.origin][k])
     }
 
-    /// Starts with the origin of an angle at `there` where one of the angles that count is beyond the range, else at 0.
+    /// Starts with the origin of an angle at `there` where that or one of the angles that count is beyond the range, else at 0.
     pub fn start<S: Scalar>(&self, angle: Angle, there: S, counted: &[S], v: &mut Point<S>) {
         let Some(k) = self.place(angle.state) else { return };
         let range = v[self.range];
-        let is_beyond = counted.iter().fold(S::Flag::from(false), |any, angle| any | angle.abs().above(range));
+        let counted = counted.iter().chain([&there]);
+        let is_beyond = counted.fold(S::Flag::from(false), |any, angle| any | angle.abs().above(range));
         v[self.origin][k] = S::select(is_beyond & angle.moves.into(), there, S::from(0.0));
     }
 

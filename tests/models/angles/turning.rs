@@ -98,6 +98,20 @@ fn turned_as_one(start: f64, [r, speed]: [f64; 2], seconds: f64) -> (Turned, f64
 }
 
 /// Figures of an independent simulation of the continuous loop (Runge and Kutta's method at 2e-5, 1e-5 and 5e-6 s).
+/// 2.9 and -2.9 rad are both within 3 rad, but the way from one to the other over the seam ends beyond: the origin starts there, and the
+/// torque is that of the short way.
+#[test]
+fn an_origin_starts_at_a_reference_that_is_within_its_range_only_on_the_other_side_of_the_seam() {
+    let mut run = made(&description("L1Quadrotor"));
+    run.set("origin_range", 3.0);
+    run.set("x[9]", 2.9);
+    run.set("r[4]", -2.9);
+    run.0.initialise().unwrap();
+    assert!((run.get("origin[1]") - (2.0 * PI - 2.9)).abs() < 1e-12);
+    run.step(1e-3);
+    assert!(run.get("u[4]").abs() < 10.0, "{}", run.get("u[4]"));
+}
+
 #[test]
 fn a_quadrotor_turns_as_the_continuous_loop_does() {
     for (start, r, seconds, [travelled, error, torque], digits, origin) in [
