@@ -13,7 +13,7 @@ import pytest
 from conftest import adaptive_fmu
 from laws import Law, Laws, built, table
 from sample import NUMBER
-from test_firmware import LAWS, SUBSTEPS
+from test_firmware import LAWS, substeps
 from test_source_tools import COUNTED_BY, tool
 from test_source_tools import findings as source_findings
 
@@ -104,7 +104,7 @@ def test_the_longest_period_is_one_with_which_the_fastest_mode_decays(own, tmp_p
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_controller_takes_the_bytes_that_its_sheet_tells(name: str, laws: Laws) -> None:
-    folder = laws.firmware(name, SUBSTEPS)
+    folder = laws.firmware(name, substeps(name))
     told = [int(number) for number in re.search(r"takes (\d+) bytes in double and (\d+) in float", sheet(folder, name)).groups()]
     assert told == [Law(folder, name, *defines).c.law_size() for defines in ([], [f"-D{name}_FLOAT"])]
     # Of what it doesn't integrate nothing is told.
@@ -176,7 +176,7 @@ int main()
 @pytest.mark.parametrize("name", LAWS)
 def test_no_step_takes_more_operations_than_the_sheet_tells(name: str, laws: Laws, tmp_path: Path) -> None:
     """Counted by numbers of a type of their own, over the inputs of the vectors."""
-    folder = laws.firmware(name, SUBSTEPS)
+    folder = laws.firmware(name, substeps(name))
     replay = (folder / f"{name}_replay.c").read_text()
     rows = re.search(r"double replayed_inputs\[(\d+)\]\[(\d+)\] = (\{\n.*?\n\});", replay, re.DOTALL)
     if not rows or re.search(rf"(bool|int32_t) \w+;[^}}]*}} {name}_inputs;", (folder / f"{name}.h").read_text()):
@@ -203,7 +203,7 @@ def test_a_sheet_has_the_delay_margin_of_the_design_report(laws: Laws) -> None:
     name = Random(NUMBER).choice(["L1TwoLinkRobot", "L1SampledTwoLinkRobot", "PidNonlinearSiso"])
     told = json.loads(adaptive_fmu("check", name, "--json").stdout)
     margins = [finding["value"] for finding in findings(told) if finding["name"] == "delay margin"]
-    text = sheet(laws.firmware(name, SUBSTEPS), name).split("## Delay margin")[1].split("## ")[0]
+    text = sheet(laws.firmware(name, substeps(name)), name).split("## Delay margin")[1].split("## ")[0]
     assert len(re.findall("^- ", text, re.MULTILINE)) == len(margins)
     for margin in margins:
         numbers = [float(number) for number in re.findall(r"^- ([\d.e-]+) s", text, re.MULTILINE)]

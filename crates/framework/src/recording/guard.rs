@@ -33,6 +33,16 @@ impl Guard {
         self.terms.iter().map(Vec::as_slice)
     }
 
+    /// What it asks for where these literals hold.
+    pub fn within(&self, known: &[Literal]) -> Self {
+        let mut left = Guard::default();
+        let can_hold = |term: &&Vec<Literal>| !term.iter().any(|(node, holds)| known.contains(&(*node, !holds)));
+        for term in self.terms.iter().filter(can_hold) {
+            left.or(term.iter().filter(|literal| !known.contains(literal)).copied().collect());
+        }
+        left
+    }
+
     /// Holds where both do.
     fn and(&self, literals: &[Literal]) -> Self {
         let mut both = Guard::default();
@@ -142,7 +152,7 @@ fn merge(guard: &mut Rc<Guard>, other: &Rc<Guard>) {
 }
 
 /// What a literal is made of, where it holds.
-fn literals(operations: &[Operation], (node, holds): Literal) -> Vec<Literal> {
+pub fn literals(operations: &[Operation], (node, holds): Literal) -> Vec<Literal> {
     match (&operations[node.index()], holds) {
         (Operation::Not(a), _) => literals(operations, (*a, !holds)),
         (Operation::And(a, b), true) | (Operation::Or(a, b), false) => {

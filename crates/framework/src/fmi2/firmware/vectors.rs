@@ -46,11 +46,25 @@ const SAME: f64 = 2e-12;
 const LEAST: f64 = 1e-4;
 
 impl Vectors {
-    /// Those of a law's first steps with the signals of its loop; with small ones where there are none or the first step is refused,
-    /// then with constant ones. None where all are refused. They end where a step is, or where roundings are amplified.
+    /// Those of a law's first steps with the signals of its loop; with small ones where there are none, where the first step is refused
+    /// or where the loop is at rest, then with constant ones. None where all are refused. They end where a step is, or where roundings
+    /// are amplified.
     pub fn of(law: &Law, structs: &Structs, model: &Arc<Model>, signals: Option<&Signals>) -> Option<Self> {
         let sources = signals.map(Source::Loop).into_iter().chain([Source::Small, Source::Start]);
-        sources.map(|source| Self::from(law, structs, model, source)).find(|made| !made.inputs.is_empty())
+        let mut first = None;
+        for source in sources {
+            let made = Self::from(law, structs, model, source);
+            if made.moves() {
+                return Some(made);
+            }
+            first = first.or_else(|| (!made.inputs.is_empty()).then_some(made));
+        }
+        first
+    }
+
+    /// True if an output changes: of a law at rest, any other would give the same.
+    fn moves(&self) -> bool {
+        self.outputs.iter().any(|row| *row != self.outputs[0])
     }
 
     fn from(law: &Law, structs: &Structs, model: &Arc<Model>, source: Source) -> Self {

@@ -5,6 +5,7 @@ use std::ops::{Add, Mul};
 use super::driver::Driver;
 use super::functions::Structs;
 use super::law::{Law, Places};
+use crate::fmi2::source::blocks::{Block, Blocks, ROOT, arm, placed};
 use crate::recording::{Binary, Node, Operation, Recording, Unary};
 
 /// Operations on numbers, whichever branch is taken.
@@ -16,6 +17,15 @@ pub(super) struct Work {
     pub divisions: u64,
     /// Calls of functions of <math.h> in addition to roots and magnitudes.
     pub functions: u64,
+}
+
+impl Work {
+    /// At most one of both.
+    fn or(self, other: Work) -> Work {
+        let [simple, divisions, functions] =
+            [self.simple.max(other.simple), self.divisions.max(other.divisions), self.functions.max(other.functions)];
+        Work { simple, divisions, functions }
+    }
 }
 
 impl Add for Work {
@@ -88,11 +98,22 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     (rows.filter(|row| row.work != Work::default()).collect(), whole)
 }
 
-/// Operations that some nodes need.
+/// Operations that some nodes need at most, whichever arms selections take.
 fn of(recording: &Recording, nodes: &[Node]) -> Work {
-    let needed = recording.tape.needed(nodes);
-    let operations = recording.tape.operations().iter().zip(needed).filter(|(_, needed)| *needed);
-    operations.fold(Work::default(), |sum, (operation, _)| sum + of_operation(operation))
+    let wanted: Vec<_> = nodes.iter().map(|&node| (node, None)).collect();
+    within(recording.tape.operations(), &placed(recording.tape.operations(), &wanted).blocks, ROOT)
+}
+
+fn within(operations: &[Operation], blocks: &Blocks, block: Block) -> Work {
+    let of_place = |place: usize| match operations[place] {
+        Operation::Select(..) if blocks.decided(place).is_some() => Work::default(),
+        Operation::Select(..) if blocks.has_arms(place) => {
+            let [taken, other] = [true, false].map(|holds| within(operations, blocks, arm(place, holds)));
+            Work { simple: 1, ..Work::default() } + taken.or(other)
+        }
+        ref operation => of_operation(operation),
+    };
+    blocks.places(block).into_iter().fold(Work::default(), |sum, place| sum + of_place(place))
 }
 
 fn of_operation(operation: &Operation) -> Work {
@@ -101,7 +122,7 @@ fn of_operation(operation: &Operation) -> Work {
         Operation::Constant(_) | Operation::Leaf(_) | Operation::Part(..) | Operation::Carried(_) => Work::default(),
         Operation::Unary(Unary::Neg | Unary::Abs, _) => simple(1),
         Operation::Unary(Unary::Signum, _) => simple(2),
-        Operation::Unary(Unary::Wrap, _) => Work { functions: 1, ..simple(3) },
+        Operation::Unary(Unary::Wrap, _) => Work { functions: 1, ..simple(5) },
         Operation::Unary(Unary::Sqrt | Unary::Recip, _) | Operation::Binary(Binary::Div, ..) => {
             Work { divisions: 1, ..Work::default() }
         }

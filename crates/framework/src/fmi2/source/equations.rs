@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use super::Unit;
+use super::blocks::Wanted;
 use super::expression::{Expression, Kind};
-use super::function::{Function, Wanted, framed};
+use super::function::{Function, framed};
 use super::message::{Told, quoted};
 use super::names::Names;
 use crate::recording::{Leaf, Method, Node, Note, Operation, Tape};

@@ -1,11 +1,13 @@
 //! Straight-line C of a recording: what is used once stands where it is used, what is used more often has a name.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
-use std::rc::Rc;
+use std::mem::{replace, take};
 
+use super::blocks::{Block, Blocks, Placed, ROOT, Wanted, arm, placed};
 use super::expression::{Expression, Kind};
 use super::names::Names;
-use crate::recording::{Body, Guard, Leaf, Node, Operation, Tape, guards, needed};
+use crate::recording::{Body, Leaf, Node, Operation, Tape};
 use crate::scalar::Opaque;
 
 /// Expressions of more operations get a name, so that a person can follow them.
@@ -17,6 +19,9 @@ const WIDTH: usize = 118;
 #[derive(Debug)]
 pub struct Function<'a> {
     names: &'a mut Names,
+    /// Names of what stands elsewhere and their lines, which come first where they are used.
+    declared: Vec<(String, String)>,
+    used: BTreeSet<String>,
     lines: String,
     indent: usize,
     /// The type of conditions in C.
@@ -28,12 +33,23 @@ struct Scope<'a> {
     operations: &'a [Operation],
     /// How often each is used, and where.
     uses: Vec<u32>,
-    guards: Vec<Rc<Guard>>,
+    blocks: Blocks,
+    /// Blocks that are being written, from the function itself inwards, and the lines of those that wait.
+    open: Vec<Open>,
+    /// Which of them the function's lines are of.
+    current: usize,
     found: Vec<Option<Expression>>,
     /// Which are being computed.
     is_open: Vec<bool>,
     named: &'a dyn Fn(Node) -> Option<String>,
     given: &'a dyn Fn(&Operation) -> Expression,
+}
+
+/// A block that is being written.
+struct Open {
+    block: Block,
+    lines: String,
+    indent: usize,
 }
 
 impl Scope<'_> {
@@ -42,21 +58,19 @@ impl Scope<'_> {
     }
 }
 
-/// What is wanted, and the condition under which it is.
-pub type Wanted = (Node, Option<Node>);
-
 /// What a function is given, by what the recording calls it.
 pub type Given<'a> = dyn Fn(Leaf) -> Expression + 'a;
 
 impl<'a> Function<'a> {
     /// Empty lines, where conditions have this type.
     pub fn new(names: &'a mut Names, conditions: &'static str) -> Self {
-        Function { names, lines: String::new(), indent: 1, conditions }
+        Function { names, declared: Vec::new(), used: BTreeSet::new(), lines: String::new(), indent: 1, conditions }
     }
 
     /// The lines.
     pub fn lines(self) -> String {
-        self.lines
+        let used = self.declared.into_iter().filter(|(name, _)| self.used.contains(name));
+        used.map(|(_, line)| line).chain([self.lines]).collect()
     }
 
     /// Adds a line as it is.
@@ -111,45 +125,126 @@ impl<'a> Function<'a> {
         named: &dyn Fn(Node) -> Option<String>,
         given: &dyn Fn(&Operation) -> Expression,
     ) -> Vec<Expression> {
-        let nodes: Vec<Node> = wanted.iter().map(|wanted| wanted.0).collect();
-        // What results of conditions are wanted for is needed, too.
-        let conditions = wanted.iter().filter_map(|wanted| wanted.1);
-        let needed = needed(operations, &nodes.iter().copied().chain(conditions).collect::<Vec<_>>());
+        let Placed { uses, blocks } = placed(operations, wanted);
         let mut scope = Scope {
             operations,
-            uses: uses(operations, &needed, &nodes),
-            guards: guards(operations, &needed, wanted),
+            uses,
+            blocks,
+            open: vec![Open { block: ROOT, lines: String::new(), indent: self.indent }],
+            current: 0,
             found: vec![None; operations.len()],
             is_open: vec![false; operations.len()],
             named,
             given,
         };
-        for place in (0..operations.len()).filter(|&place| needed[place]) {
+        for place in scope.blocks.places(ROOT) {
             self.computed(place, &mut scope);
         }
-        nodes.into_iter().map(|node| scope.of(node).clone()).collect()
+        wanted.iter().map(|wanted| scope.of(wanted.0).clone()).collect()
     }
 
-    /// Computes an operation behind its operands, unless that is done, or under way; whether it is done.
+    /// Computes an operation behind its operands, in its block, unless that is done, or under way; whether it is done.
     fn computed(&mut self, place: usize, scope: &mut Scope) -> bool {
         if scope.found[place].is_some() || scope.is_open[place] {
             return scope.found[place].is_some();
         }
+        let block = scope.blocks.block(place);
+        let Some(number) = scope.open.iter().position(|open| open.block == block) else { return false };
+        let outer = self.go_to(number, scope);
         scope.is_open[place] = true;
-        let operation = &scope.operations[place];
-        let operands_are = operation.operands().all(|operand| self.computed(operand.index(), scope));
-        if operands_are {
-            let found = match operation {
-                Operation::Leaf(_) | Operation::Carried(_) => (scope.given)(operation),
-                Operation::Iterate { body, most, start, captured } => {
-                    self.iteration(body, *most, (start, captured), place, scope)
-                }
-                _ => self.kept(place, expression(operation, scope), scope),
-            };
-            scope.found[place] = Some(found);
-        }
+        let done = self.computed_here(place, scope);
         scope.is_open[place] = false;
-        operands_are
+        self.go_to(outer, scope);
+        done
+    }
+
+    fn computed_here(&mut self, place: usize, scope: &mut Scope) -> bool {
+        let operation = &scope.operations[place];
+        if let (Operation::Select(_, yes, no), Some(holds)) = (operation, scope.blocks.decided(place)) {
+            let taken = if holds { yes } else { no };
+            if !self.computed(taken.index(), scope) {
+                return false;
+            }
+            scope.found[place] = Some(self.kept(place, scope.of(*taken).clone(), scope));
+            return true;
+        }
+        if let Operation::Select(condition, yes, no) = operation
+            && scope.blocks.has_arms(place)
+        {
+            if !self.computed(condition.index(), scope) {
+                return false;
+            }
+            let Some(taken) = self.arm(arm(place, true), *yes, scope) else { return false };
+            let Some(other) = self.arm(arm(place, false), *no, scope) else { return false };
+            scope.found[place] = Some(self.selected(place, taken, other, scope));
+            return true;
+        }
+        if !operation.operands().all(|operand| self.computed(operand.index(), scope)) {
+            return false;
+        }
+        let found = match operation {
+            Operation::Leaf(_) | Operation::Carried(_) => {
+                let given = (scope.given)(operation);
+                self.used.insert(given.text.clone());
+                given
+            }
+            Operation::Iterate { body, most, start, captured } => {
+                self.iteration(body, *most, (start, captured), place, scope)
+            }
+            _ => self.kept(place, expression(operation, scope), scope),
+        };
+        scope.found[place] = Some(found);
+        true
+    }
+
+    /// Goes on in another block that is being written; the number of the one before.
+    fn go_to(&mut self, number: usize, scope: &mut Scope) -> usize {
+        let before = replace(&mut scope.current, number);
+        scope.open[before].lines = take(&mut self.lines);
+        self.lines = take(&mut scope.open[number].lines);
+        self.indent = scope.open[number].indent;
+        before
+    }
+
+    /// Lines of an arm that aren't needed outside of it, and its value.
+    fn arm(&mut self, block: Block, value: Node, scope: &mut Scope) -> Option<(String, Expression)> {
+        scope.open.push(Open { block, lines: String::new(), indent: self.indent + 1 });
+        let outer = self.go_to(scope.open.len() - 1, scope);
+        for place in scope.blocks.places(block) {
+            self.computed(place, scope);
+        }
+        let is_done = self.computed(value.index(), scope);
+        self.go_to(outer, scope);
+        let lines = scope.open.pop().expect("it was opened here").lines;
+        is_done.then(|| (lines, scope.of(value).clone()))
+    }
+
+    /// What a selection takes: an expression, or, where an arm has lines of its own, a name that both arms give a value.
+    fn selected(
+        &mut self,
+        place: usize,
+        taken: (String, Expression),
+        other: (String, Expression),
+        scope: &mut Scope,
+    ) -> Expression {
+        let Operation::Select(condition, ..) = scope.operations[place] else { unreachable!("it is a selection") };
+        let condition = scope.of(condition).condition();
+        if taken.0.is_empty() && other.0.is_empty() {
+            return self.kept(place, Expression::select(&condition, &taken.1, &other.1), scope);
+        }
+        let kind = Expression::select(&condition, &taken.1, &other.1).kind;
+        let (name, of) = self.new_name(place, (scope.named)(Node::at(place)), kind, scope);
+        self.line(&format!("{of} {name};"));
+        self.line(&format!("if ({}) {{", condition.text));
+        for (k, (lines, value)) in [taken, other].into_iter().enumerate() {
+            self.lines.push_str(&lines);
+            self.indent += 1;
+            let value = if kind == Kind::Real { value.real() } else { value.whole() };
+            self.line(&format!("{name} = {};", value.text));
+            self.indent -= 1;
+            self.line(if k == 0 { "} else {" } else { "}" });
+        }
+        Expression::atom(name, kind)
     }
 
     /// An expression as it is, or by the name that it gets.
@@ -167,26 +262,32 @@ impl<'a> Function<'a> {
     fn by_name(&mut self, place: usize, own: Option<String>, found: Expression, scope: &mut Scope) -> Expression {
         let guard = if found.is_partial { self.guard(place, scope) } else { None };
         let found = guard.map_or(found.clone(), |guard| Expression::select(&guard, &found, &Expression::number(0.0)));
+        let (name, of) = self.new_name(place, own, found.kind, scope);
+        self.line(&format!("const {of} {name} = {};", found.text));
+        Expression::atom(name, found.kind)
+    }
+
+    /// A name for an operation, and its type in C.
+    fn new_name(&mut self, place: usize, own: Option<String>, kind: Kind, scope: &Scope) -> (String, &'static str) {
         let name = match own {
             Some(variable) => self.names.of(&variable),
-            None => self.names.numbered(if found.kind == Kind::Real { "a" } else { "c" }, place),
+            None => self.names.numbered(if kind == Kind::Real { "a" } else { "c" }, place),
         };
         let is_condition = matches!(
             scope.operations[place],
             Operation::Compare(..) | Operation::Not(_) | Operation::And(..) | Operation::Or(..)
         );
-        let of = match found.kind {
+        let of = match kind {
             Kind::Real => "real",
             Kind::Whole if is_condition => self.conditions,
             Kind::Whole => "int",
         };
-        self.line(&format!("const {of} {name} = {};", found.text));
-        Expression::atom(name, found.kind)
+        (name, of)
     }
 
     /// Where an operation is needed; nothing where that is always.
     fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
-        let guard = Rc::clone(&scope.guards[place]);
+        let guard = scope.blocks.guard(place);
         let mut any: Option<Expression> = None;
         for term in guard.terms() {
             let mut all: Option<Expression> = None;
@@ -211,9 +312,14 @@ impl<'a> Function<'a> {
         if found.size == 0 {
             return Some(found);
         }
+        // Where all that use it see it.
+        let block = scope.blocks.block(place);
+        let number = scope.open.iter().position(|open| open.block == block)?;
+        let inner = self.go_to(number, scope);
         scope.is_open[place] = true;
         let named = self.by_name(place, None, found, scope);
         scope.is_open[place] = false;
+        self.go_to(inner, scope);
         scope.found[place] = Some(named.clone());
         Some(named)
     }
@@ -271,17 +377,6 @@ impl<'a> Function<'a> {
     }
 }
 
-/// How often operations are used: by others, and by what is wanted. What a loop reads, and a square, is used more than once.
-fn uses(operations: &[Operation], needed: &[bool], wanted: &[Node]) -> Vec<u32> {
-    let mut uses = vec![0; operations.len()];
-    wanted.iter().for_each(|node| uses[node.index()] += 1);
-    for (operation, _) in operations.iter().zip(needed).filter(|(_, needed)| **needed) {
-        let often = if matches!(operation, Operation::Iterate { .. } | Operation::Powi(..)) { 2 } else { 1 };
-        operation.operands().for_each(|operand| uses[operand.index()] += often);
-    }
-    uses
-}
-
 fn expression(operation: &Operation, scope: &Scope) -> Expression {
     let of = |node: &Node| scope.of(*node);
     match operation {
@@ -322,7 +417,7 @@ impl Function<'_> {
         let name = self.names.of(variable);
         let of = if kind == Kind::Real { "real" } else { "int" };
         let comment = if comment.is_empty() { String::new() } else { format!(" /* {comment} */") };
-        self.whole_line(&format!("const {of} {name} = {text};{comment}"));
+        self.declared.push((name.clone(), format!("    const {of} {name} = {text};{comment}\n")));
         Expression::atom(name, kind)
     }
 
@@ -331,7 +426,7 @@ impl Function<'_> {
         let name = self.names.of(variable);
         let of = if kind == Kind::Real { "real" } else { "int" };
         let comment = if name == variable { String::new() } else { format!(" /* {variable} */") };
-        let _ = writeln!(self.lines, "    const {of} {name} = {array}[{place}];{comment}");
+        self.declared.push((name.clone(), format!("    const {of} {name} = {array}[{place}];{comment}\n")));
         Expression::atom(name, kind)
     }
 }

@@ -4,6 +4,7 @@
 //! What only the design of a unit reads (`System::prepare`) is a constant of its source; what the equations read stays a
 //! variable. The same description gives the same bytes.
 
+pub(crate) mod blocks;
 mod derivatives;
 mod equations;
 pub(crate) mod expression;

@@ -14,6 +14,9 @@ static inline real wrapped(real angle)
 {
     const real half = R(3.141592653589793);
     const real turn = R(6.283185307179586);
+    if (F(fabs)(angle) < half) {
+        return angle;
+    }
     const real rest = F(fmod)(angle, turn);
     if (rest > half) {
         return rest - turn;

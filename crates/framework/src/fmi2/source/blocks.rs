@@ -1,0 +1,293 @@
+//! Where operations stand: in the function itself, or in the arm of a selection that alone uses them. Such an arm is computed where the
+//! selection takes it, and nowhere else.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use crate::recording::{Binary, Guard, Literal, Node, Operation, Unary, guards, literals, needed};
+
+/// What is wanted, and the condition under which it is.
+pub type Wanted = (Node, Option<Node>);
+
+/// A block: [`ROOT`], or an arm of the selection at a place.
+pub type Block = usize;
+
+/// The function, or an iteration's body, itself.
+pub const ROOT: Block = usize::MAX;
+/// Of what only arms ask for that are never taken.
+const NOWHERE: Block = ROOT - 1;
+
+/// The arm that a selection takes where its condition holds, or where it doesn't.
+pub fn arm(selection: usize, holds: bool) -> Block {
+    2 * selection + usize::from(!holds)
+}
+
+/// Blocks of operations.
+pub struct Blocks {
+    of: Vec<Block>,
+    /// What is still to be asked for where an operation is needed, once its block is entered.
+    guards: Vec<Rc<Guard>>,
+    /// Operations of each block, in their order.
+    within: BTreeMap<Block, Vec<usize>>,
+    /// Selections whose condition follows from where they stand.
+    decided: BTreeMap<usize, bool>,
+}
+
+impl Blocks {
+    /// Of operations that are needed for what is wanted, perhaps under a condition; conditions of guards must be known where what they
+    /// guard is computed, if that may be.
+    pub fn of(
+        operations: &[Operation],
+        needed: &[bool],
+        wanted: &[Wanted],
+        may_be_guarded: &dyn Fn(usize) -> bool,
+    ) -> Self {
+        let whole = guards(operations, needed, wanted);
+        let mut found = Blocks {
+            of: vec![ROOT; operations.len()],
+            guards: whole.clone(),
+            within: BTreeMap::new(),
+            decided: BTreeMap::new(),
+        };
+        // Where guards ask for conditions, these move outwards, and with them what they are made of: at most until all is outside.
+        let mut asked: Vec<(usize, Node)> = Vec::new();
+        loop {
+            found.place(operations, needed, wanted, &whole, &asked);
+            let mut more: Vec<(usize, Node)> = Vec::new();
+            for place in (0..operations.len()).filter(|&place| needed[place] && may_be_guarded(place)) {
+                let nodes = found.guards[place].terms().flatten().map(|literal| literal.0);
+                more.extend(nodes.map(|node| (place, node)));
+            }
+            more.extend(&asked);
+            more.sort_unstable();
+            more.dedup();
+            if more == asked {
+                break;
+            }
+            asked = more;
+        }
+        for place in (0..operations.len()).filter(|&place| needed[place] && found.of[place] != NOWHERE) {
+            found.within.entry(found.of[place]).or_default().push(place);
+        }
+        found
+    }
+
+    /// True if what only an arm of a selection uses stands there.
+    pub fn has_arms(&self, selection: usize) -> bool {
+        self.guards[selection].is_always()
+    }
+
+    /// The block of an operation.
+    pub fn block(&self, place: usize) -> Block {
+        self.of[place]
+    }
+
+    /// What is still to be asked for where an operation is needed.
+    pub fn guard(&self, place: usize) -> Rc<Guard> {
+        Rc::clone(&self.guards[place])
+    }
+
+    /// Which operand a selection takes, where that follows from where it stands.
+    pub fn decided(&self, selection: usize) -> Option<bool> {
+        self.decided.get(&selection).copied()
+    }
+
+    /// Operations of a block, in their order.
+    pub fn places(&self, block: Block) -> Vec<usize> {
+        self.within.get(&block).cloned().unwrap_or_default()
+    }
+
+    /// Finds the innermost block that has all uses of each operation, users first.
+    fn place(
+        &mut self,
+        operations: &[Operation],
+        needed: &[bool],
+        wanted: &[Wanted],
+        whole: &[Rc<Guard>],
+        asked: &[(usize, Node)],
+    ) {
+        let before = self.of.clone();
+        let mut asking: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        asked.iter().for_each(|(guarded, node)| asking.entry(node.index()).or_default().push(*guarded));
+        let mut uses: Vec<Option<Block>> = vec![None; operations.len()];
+        wanted
+            .iter()
+            .flat_map(|(node, condition)| [Some(*node), *condition])
+            .flatten()
+            .for_each(|node| uses[node.index()] = Some(ROOT));
+        for place in (0..operations.len()).rev().filter(|&place| needed[place]) {
+            let mut block = uses[place];
+            for &guarded in asking.get(&place).into_iter().flatten() {
+                // Arms of selections that come before this operation were found in the last round.
+                let mut outer = before[guarded];
+                while outer < NOWHERE && outer / 2 <= place {
+                    outer = before[outer / 2];
+                }
+                block = Some(block.map_or(outer, |block| self.common(block, outer)));
+            }
+            self.of[place] = block.unwrap_or(NOWHERE);
+            let Some(block) = block else { continue };
+            let known = self.known(operations, block);
+            self.guards[place] = Rc::new(whole[place].within(&known));
+            let has_arms = self.guards[place].is_always();
+            let mut ask = |of: &Self, node: Node, block: Block| {
+                let known = &mut uses[node.index()];
+                *known = Some(known.map_or(block, |known| of.common(known, block)));
+            };
+            match &operations[place] {
+                Operation::Select(condition, yes, no) => match decided(operations, *condition, &known) {
+                    Some(holds) => {
+                        self.decided.insert(place, holds);
+                        ask(self, if holds { *yes } else { *no }, block);
+                    }
+                    None => {
+                        self.decided.remove(&place);
+                        ask(self, *condition, block);
+                        ask(self, *yes, if has_arms { arm(place, true) } else { block });
+                        ask(self, *no, if has_arms { arm(place, false) } else { block });
+                    }
+                },
+                operation => operation.operands().for_each(|operand| ask(self, operand, block)),
+            }
+        }
+    }
+
+    /// The innermost block that contains both: that of a later selection is further out.
+    fn common(&self, mut one: Block, mut other: Block) -> Block {
+        while one != other {
+            let inner = if one < other { &mut one } else { &mut other };
+            *inner = self.of[*inner / 2];
+        }
+        one
+    }
+
+    /// What holds in a block.
+    fn known(&self, operations: &[Operation], mut block: Block) -> Vec<Literal> {
+        let mut known = Vec::new();
+        while block < NOWHERE {
+            let Operation::Select(condition, ..) = operations[block / 2] else { break };
+            known.extend(literals(operations, (condition, block.is_multiple_of(2))));
+            block = self.of[block / 2];
+        }
+        known
+    }
+}
+
+/// Whether a condition holds, where that follows from what is known.
+fn decided(operations: &[Operation], condition: Node, known: &[Literal]) -> Option<bool> {
+    [true, false].into_iter().find_map(|holds| {
+        let parts = literals(operations, (condition, holds));
+        let is_wrong = |(node, holds): &Literal| known.contains(&(*node, !holds));
+        if parts.iter().all(|part| known.contains(part)) {
+            Some(holds)
+        } else {
+            parts.iter().any(is_wrong).then_some(!holds)
+        }
+    })
+}
+
+/// Operations that are needed for what is wanted.
+pub struct Placed {
+    /// How often each is used.
+    pub uses: Vec<u32>,
+    /// Where they stand.
+    pub blocks: Blocks,
+}
+
+/// Places what is needed.
+pub fn placed(operations: &[Operation], wanted: &[Wanted]) -> Placed {
+    let nodes: Vec<Node> = wanted.iter().map(|wanted| wanted.0).collect();
+    // What results of conditions are wanted for is needed, too.
+    let conditions = wanted.iter().filter_map(|wanted| wanted.1);
+    let needed = needed(operations, &nodes.iter().copied().chain(conditions).collect::<Vec<_>>());
+    let uses = uses(operations, &needed, &nodes);
+    let partial = partial(operations, &uses);
+    Placed { blocks: Blocks::of(operations, &needed, wanted, &|place| partial[place]), uses }
+}
+
+/// Which operations may have a part that isn't defined for every number, or whose result may have none: names hide what they stand for.
+fn partial(operations: &[Operation], uses: &[u32]) -> Vec<bool> {
+    let mut found = vec![false; operations.len()];
+    for (place, operation) in operations.iter().enumerate() {
+        found[place] = match operation {
+            Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => false,
+            Operation::Unary(Unary::Neg | Unary::Abs | Unary::Signum, _)
+            | Operation::Binary(Binary::Add | Binary::Sub | Binary::Mul, ..)
+            | Operation::Compare(..)
+            | Operation::Not(_)
+            | Operation::And(..)
+            | Operation::Or(..)
+            | Operation::Select(..) => operation.operands().any(|node| found[node.index()] && uses[node.index()] <= 1),
+            _ => true,
+        };
+    }
+    found
+}
+
+/// How often operations are used: by others, and by what is wanted. What a loop reads, and a square, is used more than once.
+fn uses(operations: &[Operation], needed: &[bool], wanted: &[Node]) -> Vec<u32> {
+    let mut uses = vec![0; operations.len()];
+    wanted.iter().for_each(|node| uses[node.index()] += 1);
+    for (operation, _) in operations.iter().zip(needed).filter(|(_, needed)| **needed) {
+        let often = if matches!(operation, Operation::Iterate { .. } | Operation::Powi(..)) { 2 } else { 1 };
+        operation.operands().for_each(|operand| uses[operand.index()] += often);
+    }
+    uses
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Blocks, NOWHERE, ROOT, arm};
+    use crate::recording::{Binary, Node, Operation};
+
+    fn blocks(operations: &[Operation], wanted: usize, partial: &[usize]) -> Blocks {
+        Blocks::of(operations, &vec![true; operations.len()], &[(Node::at(wanted), None)], &|place| {
+            partial.contains(&place)
+        })
+    }
+
+    fn sum(a: usize, b: usize) -> Operation {
+        Operation::Binary(Binary::Add, Node::at(a), Node::at(b))
+    }
+
+    fn select(condition: usize, yes: usize, no: usize) -> Operation {
+        Operation::Select(Node::at(condition), Node::at(yes), Node::at(no))
+    }
+
+    #[test]
+    fn what_one_arm_alone_uses_stands_there_and_what_both_use_before_the_selection() {
+        // c, d, x, y; then x + x, its sum with y, d ? (x + x) + y : y + y, and c ? that : x + x.
+        let inputs = (0..4).map(Operation::Carried);
+        let rest = [sum(2, 2), sum(4, 3), sum(3, 3), select(1, 5, 6), select(0, 7, 4)];
+        let found = blocks(&inputs.chain(rest).collect::<Vec<_>>(), 8, &[]);
+        let outer = arm(8, true);
+        let expected = [ROOT, outer, ROOT, outer, ROOT, arm(7, true), arm(7, false), outer, ROOT];
+        assert_eq!((0..9).map(|place| found.block(place)).collect::<Vec<_>>(), expected);
+        assert_eq!(found.places(outer), [1, 3, 7]);
+        // Within their blocks all are needed but x and its sum: neither where c holds and d doesn't.
+        assert!((0..9).all(|place| found.guard(place).is_always() != [2, 4].contains(&place)));
+    }
+
+    #[test]
+    fn a_selection_whose_condition_is_that_of_its_arm_takes_its_operand() {
+        // c, x, y; c ? x : y within c ? … : x, where y is never needed.
+        let operations: Vec<Operation> =
+            (0..3).map(Operation::Carried).chain([select(0, 1, 2), select(0, 3, 1)]).collect();
+        let found = blocks(&operations, 4, &[]);
+        assert_eq!((found.decided(3), found.decided(4)), (Some(true), None));
+        assert_eq!([found.block(1), found.block(2), found.block(3)], [ROOT, NOWHERE, arm(4, true)]);
+    }
+
+    #[test]
+    fn conditions_of_a_guard_are_known_where_it_asks() {
+        // c, d, x; then !d, x + x, which may have no result, !d ? x + x : x, c ? that : x, and c ? x : x + x. Of the two arms that use the
+        // sum one is within !d: d must be known where the sum is computed.
+        let rest =
+            [Operation::Not(Node::at(1)), sum(2, 2), select(3, 4, 2), select(0, 5, 2), select(0, 2, 4), sum(6, 7)];
+        let operations: Vec<Operation> = (0..3).map(Operation::Carried).chain(rest).collect();
+        let found = blocks(&operations, 8, &[4]);
+        assert_eq!((found.block(4), found.block(1)), (ROOT, ROOT));
+        assert!(!found.guard(4).is_always());
+        assert_eq!(blocks(&operations, 8, &[]).block(1), arm(6, true));
+    }
+}
