@@ -105,7 +105,9 @@ class Laws:
         """A law for a target, with so many Runge-Kutta steps in a period: the folder of its files."""
         folder = self.folder / f"{name} {steps} {' '.join(options)}"
         if not folder.exists():
-            exported = adaptive_fmu("export", "--firmware", name, "--substeps", str(steps), *options, "--out", folder)
+            described = self.folder / f"{name}.toml"
+            named = described if described.exists() else name
+            exported = adaptive_fmu("export", "--firmware", named, "--substeps", str(steps), *options, "--out", folder)
             assert exported.returncode == 0, exported.stderr
         return folder
 

@@ -4,6 +4,7 @@ docs/firmware.md and docs/source_units.md tell in tables what they take. The num
 """
 
 import functools
+import json
 import re
 import shutil
 import struct
@@ -14,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
-from laws import SAME_BITS, WARNINGS, Laws, built, table
+from conftest import ROOT, adaptive_fmu
+from laws import SAME_BITS, WARNINGS, Law, Laws, built, table
 from sample import NUMBER
 
 COMPILER, SIZES, SYMBOLS, EMULATOR = "arm-none-eabi-gcc", "arm-none-eabi-size", "arm-none-eabi-nm", "qemu-system-arm"
@@ -46,9 +47,12 @@ LOOPS = {
     "FuzzyL1ActuatedSiso": ("4-case1-fuzzy", 1000),
     "MracPpfCoupledMimo": ("6.5.1-mrac", 1000),
     "L1QuadrotorObserved": ("7.5.3-case1", 1000),
+    "L1Quadrotor": ("3.3.2-case1", 1000),
 }
 # Of a law that no example has: a reference that the state follows with a lag.
 FOLLOWED = 100
+# One is designed for this plant, and has so many substeps in a loop with it.
+MOTOR, MOTOR_STEPS = ROOT / "examples" / "zoo" / "dc_motor.json", 32
 # What firmware doesn't have.
 FORBIDDEN = {"malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "printf", "snprintf", "exit", "abort"}
 
@@ -89,16 +93,38 @@ def inputs_of(laws: Laws, name: str) -> np.ndarray:
     if name == "PidNonlinearSiso":
         t = np.arange(FOLLOWED) * 0.001
         return np.column_stack([np.cos(5 * t), np.cos(5 * t - 0.02)])
+    if name == "L1Motor":
+        return inputs_with_its_motor(laws)
+    if name == "LadrcTwoLinkRobot":
+        t = np.arange(FOLLOWED) * 0.001
+        r = np.array([np.sin(5 * t), 5 * np.cos(5 * t), -25 * np.sin(5 * t), np.sin(5 * t - 0.02)])
+        return np.concatenate([[row, 0.8 * row] for row in r]).T
     assert name == "L1SampledTwoLinkRobot"
     rows, t = np.zeros((FOLLOWED, 8)), np.arange(FOLLOWED) * 0.005
     rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5] = np.sin(t), np.cos(t), np.sin(t - 0.01), np.cos(t - 0.01)
     return rows
 
 
+def inputs_with_its_motor(laws: Laws) -> np.ndarray:
+    """What the law of a motor reads as the motor follows a reference from rest, by 50 Euler steps a period."""
+    plant, law = json.loads(MOTOR.read_text()), Law(laws.firmware("L1Motor", MOTOR_STEPS), "L1Motor")
+    x, rows = np.zeros(2), []
+    for k in range(FOLLOWED):
+        rows.append([100 * np.sin(0.02 * (k + 1)), *x])
+        _, u = law.step(rows[-1])
+        for _ in range(50):
+            x = x + law.period / 50 * (np.array(plant["A"]) @ x + np.array(plant["B"]) @ u)
+    return np.array(rows)
+
+
 @pytest.fixture(scope="module")
 def laws(tmp_path_factory: pytest.TempPathFactory) -> Laws:
-    """The controllers' sources."""
-    return Laws(tmp_path_factory.mktemp("laws"), list(LOOPS))
+    """The controllers' sources, and the description of one that is designed for a motor."""
+    made = Laws(tmp_path_factory.mktemp("laws"), list(LOOPS))
+    design = ["--plant", MOTOR, "--bandwidth", "20", "--reference", "100", "--out", made.folder / "L1Motor.toml"]
+    designed = adaptive_fmu("new", "l1", "--name", "L1Motor", *design)
+    assert designed.returncode == 0, designed.stderr
+    return made
 
 
 def header(name: str, inputs: np.ndarray, outputs: int) -> str:
@@ -243,9 +269,12 @@ def test_vectors_are_replayed_on_the_target(machine, laws, tmp_path) -> None:
 
 # Laws that were written by hand, too: with so many substeps, and how much more instructions, flash memory and RAM generated ones take.
 BY_HAND = {
-    "L1TwoLinkRobot": ("L1ByHand", 10, 1.15, [2.5, 1.05]),
-    "L1SampledTwoLinkRobot": ("L1SampledByHand", 1, 1.3, [1.5, 1.25]),
-    "PidNonlinearSiso": ("PidByHand", 1, 1.2, [1.4, 1.15]),
+    "L1TwoLinkRobot": ("L1ByHand", 10, 1, [2.2, 1.05]),
+    "L1SampledTwoLinkRobot": ("L1SampledByHand", 1, 1.3, [1.4, 1.25]),
+    "PidNonlinearSiso": ("PidByHand", 1, 1.2, [1.3, 1.15]),
+    "LadrcTwoLinkRobot": ("LadrcByHand", 1, 1.05, [1.9, 0.9]),
+    "L1Motor": ("L1ZooByHand", MOTOR_STEPS, 1.1, [1.75, 0.75]),
+    "L1Quadrotor": ("L1QuadrotorByHand", 10, 1.75, [3.25, 0.97]),
 }
 
 
@@ -254,10 +283,10 @@ def test_a_law_by_hand_has_the_same_services(name, laws, tmp_path) -> None:
     """On the host: calls at random, with inputs and parameters of which some are refused."""
     (other, steps, *_), by_hand = BY_HAND[name], BOARD / "by_hand"
     folder = laws.firmware(name, steps)
-    flags = ["-std=c99", "-Wall", "-Wextra", *SAME_BITS, f"-I{folder}", f"-I{by_hand}", "-include", f"{name}.h", "-include", f"{other}.h"]
+    headers = [f"-I{folder}", f"-I{by_hand}", "-include", f"{name}.h", "-include", f"{other}.h"]
     names = [f"-DGENERATED={name}", f"-DBY_HAND={other}", f"-DSEED={NUMBER}", *(["-DSAMPLED"] if "Sampled" in name else [])]
     sources = [by_hand / "services.c", by_hand / f"{other}.c", folder / f"{name}.c"]
-    built("gcc", *flags, *names, *sources, "-lm", "-o", tmp_path / "services")
+    built("gcc", "-std=c99", "-Wall", "-Wextra", *SAME_BITS, *headers, *names, *sources, "-lm", "-o", tmp_path / "services")
     run = subprocess.run([tmp_path / "services"], capture_output=True, text=True, check=False, timeout=60)
     assert run.returncode == 0, run.stdout
 
@@ -272,7 +301,9 @@ def test_a_generated_law_takes_little_more_than_one_that_is_written_by_hand(name
     (tmp_path / "recorded.h").write_text(header(other, inputs, outputs))
     written, generated = emulated(program(by_hand, own, tmp_path)), on_target(name, steps)
     assert written.refused == generated.refused == 0
-    np.testing.assert_allclose(generated.outputs, written.outputs, rtol=1e-12)
+    # In parts of the largest value: a control that passes 0 is a difference of larger terms, whose roundings stay.
+    apart = np.abs(generated.outputs - written.outputs).max(axis=0)
+    assert np.all(apart <= 1e-12 * np.abs(written.outputs).max(axis=0)), apart
     assert generated.instructions.mean() <= slower * written.instructions.mean()
     (tmp_path / "by_hand.c").write_text(f'#include "{other}.h"\n\n{other} controller;\n')
     (tmp_path / "generated.c").write_text(f'#include "{name}.h"\n\n{name} controller;\n')
@@ -281,5 +312,7 @@ def test_a_generated_law_takes_little_more_than_one_that_is_written_by_hand(name
         flags = [*MACHINE, f"-I{by_hand}", f"-I{laws.firmware(name, steps)}", "-r", "-nostdlib"]
         built(COMPILER, *flags, tmp_path / f"{which}.c", law, "-o", tmp_path / f"{which}.o")
         memory[which] = np.array(sizes(tmp_path / f"{which}.o"))
+    # What the page has of them.
+    print(name, np.rint(written.instructions.mean()), generated.instructions.mean() / written.instructions.mean(), memory)
     # Straight lines take more flash memory than loops.
     assert np.all(memory["generated"] <= more * memory["by_hand"]), memory
