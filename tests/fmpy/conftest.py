@@ -67,11 +67,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """A test that is named runs, slow or not; of the others every third, of FMUs that are compiled from C sources, too."""
     if sample.ALL or not COMPILED and any("::" in name or name.endswith(".py") for name in config.args):
         return
-    left = [item for item in items if item.get_closest_marker("slow")]
+    left = {item for item in items if item.get_closest_marker("slow")}
     for file, tests in groupby(items, key=lambda item: item.path.stem):
-        left += [item for k, item in enumerate(tests) if file not in WHOLE and k % 3 != sample.NUMBER // 3 % 3]
-    config.hook.pytest_deselected(items=left)
-    items[:] = [item for item in items if item not in set(left)]
+        left |= {item for k, item in enumerate(tests) if file not in WHOLE and k % 3 != sample.third_of_tests(sample.NUMBER)}
+    config.hook.pytest_deselected(items=[item for item in items if item in left])
+    items[:] = [item for item in items if item not in left]
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -32,6 +32,11 @@ def every_third_loop(number: int) -> list[str]:
     return LOOP_NAMES[number % 3 :: 3]
 
 
+def third_of_tests(number: int) -> int:
+    """Which third of the tests of each file: each meets each third of the loops."""
+    return number // 3 % 3
+
+
 # For tests of what follows from the framework or from the kind.
 FMUS = FMU_NAMES if ALL else one_of_each_kind(NUMBER)
 LOOPS = LOOP_NAMES if ALL else every_third_loop(NUMBER)

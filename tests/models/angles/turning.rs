@@ -97,7 +97,6 @@ fn turned_as_one(start: f64, [r, speed]: [f64; 2], seconds: f64) -> (Turned, f64
     (found, run.get("law.origin[1]") / DEGREE)
 }
 
-/// Figures of an independent simulation of the continuous loop (Runge and Kutta's method at 2e-5, 1e-5 and 5e-6 s).
 /// 2.9 and -2.9 rad are both within 3 rad, but the way from one to the other over the seam ends beyond: the origin starts there, and the
 /// torque is that of the short way.
 #[test]
@@ -112,6 +111,7 @@ fn an_origin_starts_at_a_reference_that_is_within_its_range_only_on_the_other_si
     assert!(run.get("u[4]").abs() < 10.0, "{}", run.get("u[4]"));
 }
 
+/// Figures of an independent simulation of the continuous loop (Runge and Kutta's method at 2e-5, 1e-5 and 5e-6 s).
 #[test]
 fn a_quadrotor_turns_as_the_continuous_loop_does() {
     for (start, r, seconds, [travelled, error, torque], digits, origin) in [

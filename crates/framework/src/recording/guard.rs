@@ -34,11 +34,13 @@ impl Guard {
     }
 
     /// What it asks for where these literals hold.
-    pub fn within(&self, known: &[Literal]) -> Self {
+    pub fn within(&self, operations: &[Operation], known: &[Literal]) -> Self {
         let mut left = Guard::default();
-        let can_hold = |term: &&Vec<Literal>| !term.iter().any(|(node, holds)| known.contains(&(*node, !holds)));
-        for term in self.terms.iter().filter(can_hold) {
-            left.or(term.iter().filter(|literal| !known.contains(literal)).copied().collect());
+        for term in &self.terms {
+            let decided = |(node, holds): &Literal| decided(operations, *node, known).map(|found| found == *holds);
+            if term.iter().all(|literal| decided(literal) != Some(false)) {
+                left.or(term.iter().filter(|literal| decided(literal).is_none()).copied().collect());
+            }
         }
         left
     }
@@ -162,6 +164,19 @@ pub fn literals(operations: &[Operation], (node, holds): Literal) -> Vec<Literal
         }
         _ => vec![(node, holds)],
     }
+}
+
+/// Whether a condition holds, where that follows from what is known.
+pub fn decided(operations: &[Operation], condition: Node, known: &[Literal]) -> Option<bool> {
+    [true, false].into_iter().find_map(|holds| {
+        let parts = literals(operations, (condition, holds));
+        let is_wrong = |(node, holds): &Literal| known.contains(&(*node, !holds));
+        if parts.iter().all(|part| known.contains(part)) {
+            Some(holds)
+        } else {
+            parts.iter().any(is_wrong).then_some(!holds)
+        }
+    })
 }
 
 #[cfg(test)]

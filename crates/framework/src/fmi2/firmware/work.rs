@@ -8,7 +8,7 @@ use super::law::{Law, Places};
 use crate::fmi2::source::blocks::{Block, Blocks, ROOT, arm, placed};
 use crate::recording::{Binary, Node, Operation, Recording, Unary};
 
-/// Operations on numbers, whichever branch is taken.
+/// Operations on numbers at most, whichever arms selections take.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Work {
     /// Additions, subtractions, multiplications, comparisons and selections.

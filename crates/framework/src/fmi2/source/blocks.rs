@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use crate::recording::{Binary, Guard, Literal, Node, Operation, Unary, guards, literals, needed};
+use crate::recording::{Binary, Guard, Literal, Node, Operation, Unary, decided, guards, literals, needed};
 
 /// What is wanted, and the condition under which it is.
 pub type Wanted = (Node, Option<Node>);
@@ -14,6 +14,11 @@ pub type Block = usize;
 
 /// The function, or an iteration's body, itself.
 pub const ROOT: Block = usize::MAX;
+/// Selections within more arms than that have none: compilers have limits, and readers.
+const DEEPEST: usize = 16;
+/// Rounds in which operations find their places; they took three at most.
+const MOST_ROUNDS: usize = 100;
+
 /// Of what only arms ask for that are never taken.
 const NOWHERE: Block = ROOT - 1;
 
@@ -29,6 +34,8 @@ pub struct Blocks {
     guards: Vec<Rc<Guard>>,
     /// Operations of each block, in their order.
     within: BTreeMap<Block, Vec<usize>>,
+    /// Selections whose arms have what they alone use.
+    arms: Vec<bool>,
     /// Selections whose condition follows from where they stand.
     decided: BTreeMap<usize, bool>,
 }
@@ -47,21 +54,22 @@ impl Blocks {
             of: vec![ROOT; operations.len()],
             guards: whole.clone(),
             within: BTreeMap::new(),
+            arms: vec![false; operations.len()],
             decided: BTreeMap::new(),
         };
         // Where guards ask for conditions, these move outwards, and with them what they are made of: at most until all is outside.
         let mut asked: Vec<(usize, Node)> = Vec::new();
-        loop {
+        for _ in 0..MOST_ROUNDS {
+            let before = found.of.clone();
             found.place(operations, needed, wanted, &whole, &asked);
-            let mut more: Vec<(usize, Node)> = Vec::new();
-            for place in (0..operations.len()).filter(|&place| needed[place] && may_be_guarded(place)) {
-                let nodes = found.guards[place].terms().flatten().map(|literal| literal.0);
-                more.extend(nodes.map(|node| (place, node)));
+            let mut more = asked.clone();
+            let stands = |place: &usize| needed[*place] && found.of[*place] != NOWHERE;
+            for place in (0..operations.len()).filter(stands).filter(|&place| may_be_guarded(place)) {
+                more.extend(found.guards[place].terms().flatten().map(|literal| (place, literal.0)));
             }
-            more.extend(&asked);
             more.sort_unstable();
             more.dedup();
-            if more == asked {
+            if more == asked && found.of == before {
                 break;
             }
             asked = more;
@@ -74,7 +82,7 @@ impl Blocks {
 
     /// True if what only an arm of a selection uses stands there.
     pub fn has_arms(&self, selection: usize) -> bool {
-        self.guards[selection].is_always()
+        self.arms[selection]
     }
 
     /// The block of an operation.
@@ -123,13 +131,17 @@ impl Blocks {
                 while outer < NOWHERE && outer / 2 <= place {
                     outer = before[outer / 2];
                 }
+                if outer == NOWHERE {
+                    continue;
+                }
                 block = Some(block.map_or(outer, |block| self.common(block, outer)));
             }
             self.of[place] = block.unwrap_or(NOWHERE);
             let Some(block) = block else { continue };
-            let known = self.known(operations, block);
-            self.guards[place] = Rc::new(whole[place].within(&known));
-            let has_arms = self.guards[place].is_always();
+            let (known, depth) = self.known(operations, block);
+            self.guards[place] = Rc::new(whole[place].within(operations, &known));
+            let has_arms = self.guards[place].is_always() && depth < DEEPEST;
+            self.arms[place] = has_arms;
             let mut ask = |of: &Self, node: Node, block: Block| {
                 let known = &mut uses[node.index()];
                 *known = Some(known.map_or(block, |known| of.common(known, block)));
@@ -161,29 +173,16 @@ impl Blocks {
         one
     }
 
-    /// What holds in a block.
-    fn known(&self, operations: &[Operation], mut block: Block) -> Vec<Literal> {
-        let mut known = Vec::new();
+    /// What holds in a block, and within how many arms it is.
+    fn known(&self, operations: &[Operation], mut block: Block) -> (Vec<Literal>, usize) {
+        let (mut known, mut depth) = (Vec::new(), 0);
         while block < NOWHERE {
             let Operation::Select(condition, ..) = operations[block / 2] else { break };
             known.extend(literals(operations, (condition, block.is_multiple_of(2))));
-            block = self.of[block / 2];
+            (block, depth) = (self.of[block / 2], depth + 1);
         }
-        known
+        (known, depth)
     }
-}
-
-/// Whether a condition holds, where that follows from what is known.
-fn decided(operations: &[Operation], condition: Node, known: &[Literal]) -> Option<bool> {
-    [true, false].into_iter().find_map(|holds| {
-        let parts = literals(operations, (condition, holds));
-        let is_wrong = |(node, holds): &Literal| known.contains(&(*node, !holds));
-        if parts.iter().all(|part| known.contains(part)) {
-            Some(holds)
-        } else {
-            parts.iter().any(is_wrong).then_some(!holds)
-        }
-    })
 }
 
 /// Operations that are needed for what is wanted.
@@ -289,5 +288,33 @@ mod tests {
         assert_eq!((found.block(4), found.block(1)), (ROOT, ROOT));
         assert!(!found.guard(4).is_always());
         assert_eq!(blocks(&operations, 8, &[]).block(1), arm(6, true));
+    }
+
+    #[test]
+    fn what_can_not_be_needed_stands_nowhere_and_asks_for_nothing() {
+        // a, b, x, y; then a && b, x / y, a && b ? x / y : y, its sum with x, and a && b ? x : that sum.
+        let quotient = Operation::Binary(Binary::Div, Node::at(2), Node::at(3));
+        let both = Operation::And(Node::at(0), Node::at(1));
+        let rest = [both, quotient, select(4, 5, 3), sum(6, 2), select(4, 2, 7)];
+        let operations: Vec<Operation> = (0..4).map(Operation::Carried).chain(rest).collect();
+        let found = blocks(&operations, 8, &[5]);
+        assert_eq!((found.block(5), found.decided(6)), (NOWHERE, Some(false)));
+    }
+
+    #[test]
+    fn long_chains_of_selections_are_flat_behind_some() {
+        // c, x; then c_k ? sum : rest, a hundred times, with conditions of their own.
+        let mut operations: Vec<Operation> = (0..101).map(Operation::Carried).collect();
+        let mut rest = 100;
+        for k in 0..100 {
+            operations.push(sum(rest, 100));
+            operations.push(select(k, 100, operations.len() - 1));
+            rest = operations.len() - 1;
+        }
+        let found = blocks(&operations, rest, &[]);
+        let with_arms = (0..operations.len()).filter(|&place| found.has_arms(place) && place > 100);
+        assert!(
+            with_arms.filter(|place| matches!(operations[*place], Operation::Select(..))).count() <= super::DEEPEST
+        );
     }
 }

@@ -305,7 +305,7 @@ impl<'a> Function<'a> {
     /// A condition by its name; nothing where it follows from what is being computed.
     fn condition(&mut self, node: Node, scope: &mut Scope) -> Option<Expression> {
         let place = node.index();
-        if scope.is_open[place] || !self.computed(place, scope) {
+        if waits(place, scope) || !self.computed(place, scope) {
             return None;
         }
         let found = scope.of(node).clone();
@@ -375,6 +375,24 @@ impl<'a> Function<'a> {
         let wanted: Vec<Wanted> = wanted.iter().map(|&node| (node, None)).collect();
         self.statements(&body.operations, &wanted, named, given)
     }
+}
+
+/// True if an operation follows from one that is being computed: it is not begun then.
+fn waits(place: usize, scope: &Scope) -> bool {
+    let (mut left, mut seen) = (vec![place], BTreeSet::new());
+    while let Some(place) = left.pop() {
+        if scope.found[place].is_some() || !seen.insert(place) {
+            continue;
+        }
+        if scope.is_open[place] {
+            return true;
+        }
+        match (&scope.operations[place], scope.blocks.decided(place)) {
+            (Operation::Select(_, yes, no), Some(holds)) => left.push(if holds { yes } else { no }.index()),
+            (operation, _) => left.extend(operation.operands().map(Node::index)),
+        }
+    }
+    false
 }
 
 fn expression(operation: &Operation, scope: &Scope) -> Expression {
