@@ -1,4 +1,4 @@
-//! Where operations stand: in the function itself, or in the arm of a selection that alone uses them. Such an arm is computed where the
+//! Where operations stand: in the function itself, or in the only arm of a selection that uses them. Such an arm is computed where the
 //! selection takes it, and nowhere else.
 
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ pub struct Blocks {
     guards: Vec<Rc<Guard>>,
     /// Operations of each block, in their order.
     within: BTreeMap<Block, Vec<usize>>,
-    /// Selections whose arms have what they alone use.
+    /// Selections whose arms have what nothing else uses.
     arms: Vec<bool>,
     /// Selections whose condition follows from where they stand.
     decided: BTreeMap<usize, bool>,
@@ -57,7 +57,7 @@ impl Blocks {
             arms: vec![false; operations.len()],
             decided: BTreeMap::new(),
         };
-        // Where guards ask for conditions, these move outwards, and with them what they are made of: at most until all is outside.
+        // Where guards ask for conditions, these move outwards with their operands: at most until all is outside.
         let mut asked: Vec<(usize, Node)> = Vec::new();
         for _ in 0..MOST_ROUNDS {
             let before = found.of.clone();
