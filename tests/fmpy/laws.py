@@ -141,6 +141,15 @@ int law_calibrate(const NAME_parameters *p) { return (int)NAME_calibrate(&law, p
 BY_HAND = "int law_enable(int enabled, const NAME_manual *manual) { return NAME_enable(&law, enabled != 0, manual); }\n"
 
 
+def hostile(inputs: np.ndarray) -> np.ndarray:
+    """Inputs as no loop gives them: of any size and sign, at rest, and those of the loop with a fault in one."""
+    rng = np.random.default_rng(50)
+    rows = rng.choice([-1.0, 1.0], (300, inputs.shape[1])) * 10 ** rng.uniform(-9, 6, (300, inputs.shape[1]))
+    faults = inputs[rng.integers(len(inputs), size=100)]
+    faults[np.arange(100), rng.integers(inputs.shape[1], size=100)] *= 10 ** rng.uniform(-9, 9, 100)
+    return np.concatenate([np.zeros((20, inputs.shape[1])), inputs[:20], faults, rows, np.zeros((20, inputs.shape[1]))])
+
+
 class Law:
     """A law, compiled for this machine. Its structs are arrays of real numbers."""
 

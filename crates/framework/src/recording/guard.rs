@@ -3,7 +3,7 @@
 
 use std::rc::Rc;
 
-use super::tape::{Node, Operation};
+use super::tape::{Node, Operation, Tape};
 
 /// A condition, and whether it holds.
 pub type Literal = (Node, bool);
@@ -19,7 +19,7 @@ pub struct Guard {
 
 impl Guard {
     /// Holds always.
-    fn always() -> Self {
+    pub fn always() -> Self {
         Guard { terms: vec![Vec::new()] }
     }
 
@@ -94,6 +94,26 @@ impl Guard {
             let common = self.terms[0].iter().filter(|literal| self.terms.iter().all(|term| term.contains(literal)));
             self.terms = vec![common.copied().collect()];
         }
+    }
+}
+
+impl Tape {
+    /// The result of an operation where a guard holds, and 0 elsewhere.
+    pub(crate) fn where_needed(&mut self, node: Node, guard: &Guard) -> Node {
+        if guard.is_always() {
+            return node;
+        }
+        let mut any: Option<Node> = None;
+        for term in guard.terms() {
+            let mut all: Option<Node> = None;
+            for &(condition, holds) in term {
+                let literal = if holds { condition } else { self.add(Operation::Not(condition)) };
+                all = Some(all.map_or(literal, |all| self.add(Operation::And(all, literal))));
+            }
+            any = all.map(|all| any.map_or(all, |any| self.add(Operation::Or(any, all)))).or(any);
+        }
+        let zero = self.number(0.0);
+        any.map_or(zero, |condition| self.add(Operation::Select(condition, node, zero)))
     }
 }
 

@@ -56,7 +56,7 @@ impl Method {
 }
 
 /// What a method makes of the values of a block.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Recording {
     /// The operations.
     pub tape: Tape,

@@ -384,6 +384,13 @@ impl Tape {
         &self.notes
     }
 
+    /// The tape for evaluation where the results of some operations are given, as carried numbers in this order. Nothing can be added.
+    pub(crate) fn with_given(&self, nodes: &[Node]) -> Tape {
+        let mut operations = self.operations.clone();
+        (0..).zip(nodes).for_each(|(number, node)| operations[node.index()] = Operation::Carried(number));
+        Tape { operations, notes: self.notes.clone(), ..Tape::default() }
+    }
+
     /// Takes memory for so many operations at once.
     pub(super) fn reserve(&mut self, operations: usize) {
         self.operations.reserve(operations);

@@ -3,7 +3,7 @@
 use super::driver::{self, Driver};
 use super::functions::Structs;
 use super::law::Law;
-use super::{equations, interface};
+use super::{constants, equations, interface};
 use crate::fmi2::source::RUNTIME;
 
 /// The whole file.
@@ -20,9 +20,10 @@ pub(super) fn write(law: &Law, structs: &Structs, name: &str) -> String {
     let text = format!(
         "/* {name}: see {name}.h. Generated from the recorded equations of the FMU of that name. */\n\n#include \"{name}.h\"\n\n\
          #include <float.h>\n#include <limits.h>\n#include <math.h>\n#include <string.h>\n\n{CHECKS}{macros}/* Memory \
-         that was initialised. */\n#define §_READY UINT32_C(0x{:08x})\n\n{}{helpers}{functions}{undefined}{ends}",
+         that was initialised. */\n#define §_READY UINT32_C(0x{:08x})\n\n{}{}{helpers}{functions}{undefined}{ends}",
         ready(law),
         structs.signals.declaration(&[], "real"),
+        constants::declaration(&law.constants),
     );
     text.replace('§', name)
 }

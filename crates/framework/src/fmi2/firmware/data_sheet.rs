@@ -89,7 +89,8 @@ fn operations(law: &Law, structs: &Structs) -> String {
     let (rows, whole) = work::rows(law, structs);
     let cells = |work: &Work| format!("{} | {} | {}", work.simple, work.divisions, work.functions);
     let mut text = "## Work\n\nOperations on numbers at most, whichever branch is taken; copies, loops and calls come in addition. A step without \
-                    a start, a hand-over or a calibration takes those of the last row.\n\n| | calls in a step | additions, products, comparisons | \
+                    a start, an event or a calibration takes those of the last row. An event, as a hand-over, adds its own, and those of \
+                    outputs and sides.\n\n| | calls in a step | additions, products, comparisons | \
                     divisions, roots | functions of `<math.h>` |\n| --- | --- | --- | --- | --- |\n"
         .to_owned();
     rows.iter().for_each(|row| _ = writeln!(text, "| {} | {} | {} |", row.what, row.calls, cells(&row.work)));

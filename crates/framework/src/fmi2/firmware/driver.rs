@@ -125,11 +125,13 @@ impl Driver {
             }
         };
         let changes = writes == Writes::State;
-        one(self.has_states, changes, "states", "x");
+        one(self.has_states && writes != Writes::Constants, changes, "states", "x");
         one(self.has_discrete, changes, "discrete", "d");
         one(self.has_inputs, false, "inputs", "in");
-        one(self.has_signals && writes != Writes::Rates, writes == Writes::Signals, "signals", "y");
-        if law.reads_time {
+        let of_rates = matches!(writes, Writes::Rates | Writes::Constants);
+        one(self.has_signals && !of_rates, writes == Writes::Signals, "signals", "y");
+        one(of_rates && !law.constants.is_empty(), writes == Writes::Constants, "constants", "c");
+        if law.reads_time && writes != Writes::Constants {
             all.push(("real t".to_owned(), "t"));
         }
         if writes == Writes::Rates {
@@ -147,6 +149,7 @@ impl Driver {
         let of = |name: &'static str| match name {
             "x" => x,
             "t" => t,
+            "c" => "&c",
             other => other,
         };
         self.parameters(law, writes).into_iter().map(|(_, name)| of(name)).collect::<Vec<_>>().join(", ")
@@ -158,6 +161,8 @@ impl Driver {
 pub(super) enum Writes {
     Nothing,
     Signals,
+    /// The constants of a step.
+    Constants,
     Rates,
     State,
 }
@@ -223,10 +228,10 @@ fn settle(law: &Law, driver: &Driver) -> String {
     let before = indented(&driver.evaluate(law, driver.reads.indicators));
     let between = indented(&driver.evaluate(law, driver.reads.event && !driver.reads.indicators));
     format!(
-        "/* Handles events until nothing changes sides; not 0 where that doesn't end. */\nstatic int \
+        "/* Handles events until nothing changes sides; their number, -1 where that doesn't end. */\nstatic int \
          §_settle({y})\n{{\n    for (int k = 0; k < 8; k++) {{\n{before}        const uint32_t sides = §_sides({});\n        if \
-         (sides == d->indicator_sides) {{\n            return 0;\n        }}\n        d->indicator_sides = \
-         sides;\n{between}        §_event({});\n    }}\n    return 1;\n}}\n\n",
+         (sides == d->indicator_sides) {{\n            return k;\n        }}\n        d->indicator_sides = \
+         sides;\n{between}        §_event({});\n    }}\n    return -1;\n}}\n\n",
         driver.called(law, Writes::Nothing, "x", "t"),
         driver.called(law, Writes::State, "x", "t")
     )
@@ -248,17 +253,30 @@ fn integrate(law: &Law, driver: &Driver) -> String {
         let called = driver.called(law, Writes::Rates, x, &t);
         format!("§_rates({});", called.strip_suffix("dx").unwrap_or(&called).to_owned() + to)
     };
+    let find = match law.constants[..] {
+        [] => String::new(),
+        _ => format!("    §_find_constants({});\n", driver.called(law, Writes::Constants, "x", "t")),
+    };
     let events = if driver.has_events && law.events_within {
         let called = driver.called(law, Writes::State, "x", "begin + h");
-        format!("        if (§_settle({called}) != 0) {{\n            return 1;\n        }}\n")
+        let again = if find.is_empty() {
+            String::new()
+        } else {
+            format!("        if (events > 0) {{\n{}        }}\n", indented(&indented(&find)))
+        };
+        format!(
+            "        const int events = §_settle({called});\n        if (events < 0) {{\n            return \
+             1;\n        }}\n{again}"
+        )
     } else {
         String::new()
     };
     let y = if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
     let unused = if driver.has_signals && events.is_empty() { "    (void)y;\n" } else { "" };
+    let once = if find.is_empty() { String::new() } else { "    §_constants c;\n".to_owned() + &find };
     format!(
         "/* One period by Runge-Kutta steps of order 4, inputs constant; not 0 where events don't end. */\nstatic int \
-         §_integrate({y})\n{{\n    const real h = R({:?}) / (real)§_SUBSTEPS;\n{unused}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
+         §_integrate({y})\n{{\n    const real h = R({:?}) / (real)§_SUBSTEPS;\n{unused}{once}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
          {begins}§_states rates;\n        §_states sum;\n        §_states to;\n        {}\n        §_along(x, R(0.5) * h, &sum, &to);\n        {}\n        \
          §_add(&sum, R(2.0), &rates);\n        §_along(x, R(0.5) * h, &rates, &to);\n        {}\n        §_add(&sum, R(2.0), \
          &rates);\n        §_along(x, h, &rates, &to);\n        {}\n        §_add(&sum, R(1.0), &rates);\n        to = \
@@ -290,7 +308,7 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
         text += &format!("    if (self->calibrated) {{\n{evaluate}        {};\n    }}\n", state("changed"));
     }
     if driver.has_events {
-        text += &refuses(&state("settle"), "INVALID");
+        text += &format!("    if ({} < 0) {{\n        return §_REFUSED | §_INVALID;\n    }}\n", state("settle"));
     }
     if driver.has_states {
         text += &refuses(&state("integrate"), "INVALID");

@@ -1,5 +1,6 @@
 //! The equations of a law as C functions, one for each method.
 
+use super::constants::Constant;
 use super::driver::{Driver, Writes};
 use super::functions::{Head, Structs, Written, access, function};
 use super::law::Law;
@@ -82,14 +83,36 @@ fn evaluations(law: &Law, structs: &Structs, driver: &Driver) -> String {
                 })
             })
             .collect();
+        text += &constants(law, structs, driver);
         let head = Head {
             what: "The state equation: rates of the states.",
             declaration: format!("static void §_rates({})", driver.declared(law, Writes::Rates)),
             parameters: "",
         };
-        text += &function(law, structs, &head, &law.recorded.evaluate, &rates, &[]);
+        text += &function(law, structs, &head, &law.recorded.rates, &rates, &[]);
     }
     text
+}
+
+/// The constants of a step.
+fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let of = |one: &Constant| Written {
+        to: format!("c->{}", one.name),
+        node: one.node,
+        kind: one.kind,
+        name: None,
+        source: "",
+    };
+    let all: Vec<Written> = law.constants.iter().map(of).collect();
+    if all.is_empty() {
+        return String::new();
+    }
+    let head = Head {
+        what: "What the state equation reads that is the same throughout a step.",
+        declaration: format!("static void §_find_constants({})", driver.declared(law, Writes::Constants)),
+        parameters: "",
+    };
+    function(law, structs, &head, &law.recorded.constants, &all, &[])
 }
 
 /// Methods that start, change and refuse.

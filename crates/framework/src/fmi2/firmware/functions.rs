@@ -7,11 +7,11 @@ use super::members::{Members, ascii};
 use crate::fmi2::source::expression::{Expression, Kind, number};
 use crate::fmi2::source::function::{Function, framed};
 use crate::fmi2::source::names::Names;
-use crate::recording::{Leaf, Node, Recording};
+use crate::recording::{Leaf, Node, Operation, Recording};
 use crate::system::{Element, Section, Variable, Variables};
 
 /// Names of parameters of functions.
-const PARAMETERS: [&str; 9] = ["self", "x", "d", "in", "y", "p", "r", "dx", "bool"];
+pub(super) const PARAMETERS: [&str; 10] = ["self", "x", "d", "in", "y", "p", "r", "c", "dx", "bool"];
 
 /// The structs of a law.
 #[derive(Debug)]
@@ -119,10 +119,18 @@ pub(super) fn function(
     let conditions = refusals.iter().map(|(node, _)| *node);
     let wanted: Vec<Node> = written.iter().map(|one| one.node).chain(conditions).collect();
     let given = read(law, structs, head, recording, &wanted, &mut function);
+    let of_step = law.constants.iter();
+    let constants: Vec<Expression> =
+        of_step.map(|one| function.named(&one.name, one.kind, &format!("c->{}", one.name), "")).collect();
     let variables = named(law, recording, written);
     let name = |node: Node| variables.get(&node).cloned();
     let all: Vec<_> = wanted.iter().map(|&node| (node, None)).collect();
-    let found = function.compute(&recording.tape, &all, name, &|leaf| given[&leaf].clone());
+    let of = |operation: &Operation| match operation {
+        Operation::Leaf(leaf) => given[leaf].clone(),
+        Operation::Carried(number) => constants[*number as usize].clone(),
+        _ => Expression::number(f64::NAN),
+    };
+    let found = function.compute(recording.tape.operations(), &all, &name, &of);
     for (k, (one, (_, reason))) in found[written.len()..].iter().zip(refusals).enumerate() {
         function.whole_line(&format!("/* {} */", ascii(reason)));
         function.line(&format!("if ({}) {{", one.condition().text));
@@ -146,7 +154,10 @@ pub(super) fn function(
 fn named(law: &Law, recording: &Recording, written: &[Written]) -> HashMap<Node, String> {
     let variables = law.variables();
     let mut names = HashMap::new();
-    if std::ptr::eq(recording, &law.recorded.evaluate) {
+    if [&law.recorded.evaluate, &law.recorded.constants, &law.recorded.rates]
+        .into_iter()
+        .any(|one| std::ptr::eq(recording, one))
+    {
         let signals = variables.reals(Section::Signal);
         names.extend(signals.map(|place| (recording.reals[place], law.real_names[place].clone())));
     }

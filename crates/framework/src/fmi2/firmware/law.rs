@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::constants::{self, Constant};
 use super::parameters::{calibrated, calls_from_sample_to_sample, prepared};
 use super::{Fallback, Options};
 use crate::error::Invalid;
@@ -27,9 +28,12 @@ pub(super) const MOST_FLAGS: usize = 24;
 pub(super) type Places = Vec<(usize, Node)>;
 
 /// Methods that change states and discrete values, or refuse.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Recorded {
     pub evaluate: Recording,
+    /// The constants of a step, and the state equation, where they are given.
+    pub constants: Recording,
+    pub rates: Recording,
     pub indicators: Recording,
     pub start: Recording,
     pub relate: Recording,
@@ -66,6 +70,7 @@ pub(super) struct Law<'a> {
     pub recorded: Recorded,
     /// Flags of the reals and integers that the outputs need.
     pub live: Live,
+    pub constants: Vec<Constant>,
     /// Event indicators that can change sides and have an effect, and whether they do so within a step.
     pub indicators: Vec<usize>,
     pub events_within: bool,
@@ -121,8 +126,9 @@ impl<'a> Law<'a> {
             variable_integers,
             clock,
             never_written: never_written(model),
-            recorded: Recorded::none(),
+            recorded: Recorded::default(),
             live: Live::default(),
+            constants: Vec::new(),
             indicators: Vec::new(),
             events_within: false,
             reads_time: false,
@@ -132,6 +138,7 @@ impl<'a> Law<'a> {
         law.find_live();
         law.find_indicators()?;
         law.check_emitted()?;
+        (law.constants, [law.recorded.constants, law.recorded.rates]) = constants::split(&law);
         law.reads_time =
             law.all().into_iter().any(|(recording, nodes)| leaves(recording, &nodes).contains(&Leaf::Time));
         Ok(law)
@@ -204,6 +211,8 @@ impl<'a> Law<'a> {
         let due = |tape: &Tape, node: Node| self.is_due(tape, node).then_some(true);
         let recorded = Recorded {
             evaluate: of(Method::Evaluate),
+            constants: Recording::default(),
+            rates: Recording::default(),
             indicators: of(Method::Indicators),
             start: of(Method::Start),
             relate: of(Method::Relate),
@@ -443,23 +452,6 @@ impl<'a> Law<'a> {
         let results = &self.recorded.indicators.results;
         all.push((&self.recorded.indicators, self.indicators.iter().map(|&k| results[k]).collect()));
         all
-    }
-}
-
-impl Recorded {
-    fn none() -> Self {
-        let none = || Recording { tape: Tape::default(), reals: vec![], integers: vec![], results: vec![] };
-        Recorded {
-            evaluate: none(),
-            indicators: none(),
-            start: none(),
-            relate: none(),
-            parameters_changed: none(),
-            check: none(),
-            event: none(),
-            sample: None,
-            completed: none(),
-        }
     }
 }
 

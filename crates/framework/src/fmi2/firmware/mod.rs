@@ -6,6 +6,7 @@
 //! from sample to sample, so that no sample is lost in the rounding of time. A step that is refused changes nothing.
 
 mod body;
+mod constants;
 mod data_sheet;
 mod driver;
 mod equations;

@@ -70,7 +70,7 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     let states = law.rates().len() as u64;
     // Four rates; the states along them four times, and their sum three times.
     let sums = Work { simple: 14 * states + 3, divisions: 1, functions: 0 };
-    let integrated = if states > 0 { of(&recorded.evaluate, &nodes(law.rates())) * 4 + sums } else { Work::default() };
+    let integrated = if states > 0 { of(&recorded.rates, &nodes(law.rates())) * 4 + sums } else { Work::default() };
     let signals: Vec<Node> = [law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
     let substeps = u64::from(law.substeps);
     let sample = recorded.sample.as_ref().map(&changes).unwrap_or_default();
@@ -82,8 +82,11 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     let compared = Work { simple: inputs + 2 * states + 6 * outputs, divisions: u64::from(states > 0), functions: 0 };
     let completed = changes(&recorded.completed) + changes(&recorded.check) + compared;
     let sides = of(&recorded.indicators, &indicators);
+    let constants: Vec<Node> = law.constants.iter().map(|one| one.node).collect();
+    let constants = of(&recorded.constants, &constants);
     let [side_calls, evaluations] = Driver::of(law, structs).calls(law);
     let of_each = [
+        ("what the steps below don't change", "1, and after an event".to_owned(), constants, 1),
         ("a Runge-Kutta step", substeps.to_string(), integrated, substeps),
         ("a sample", every, sample, 1),
         ("outputs", evaluations.to_string(), evaluated, evaluations),

@@ -1,4 +1,4 @@
-//! Where operations stand: in the function itself, or in the only arm of a selection that uses them. Such an arm is computed where the
+//! Blocks of operations: the function itself, and arms of selections with what only they use. Such an arm is computed where the
 //! selection takes it, and nowhere else.
 
 use std::collections::BTreeMap;
@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use crate::recording::{Binary, Guard, Literal, Node, Operation, Unary, decided, guards, literals, needed};
 
-/// What is wanted, and the condition under which it is.
+/// A node that is wanted, and the condition under which it is.
 pub type Wanted = (Node, Option<Node>);
 
 /// A block: [`ROOT`], or an arm of the selection at a place.
@@ -14,13 +14,13 @@ pub type Block = usize;
 
 /// The function, or an iteration's body, itself.
 pub const ROOT: Block = usize::MAX;
+/// The block of operations that only arms ask for that are never taken.
+const NOWHERE: Block = ROOT - 1;
+
 /// Selections within more arms than that have none: compilers have limits, and readers.
 const DEEPEST: usize = 16;
-/// Rounds in which operations find their places; they took three at most.
+/// Rounds in which operations find their places.
 const MOST_ROUNDS: usize = 100;
-
-/// Of what only arms ask for that are never taken.
-const NOWHERE: Block = ROOT - 1;
 
 /// The arm that a selection takes where its condition holds, or where it doesn't.
 pub fn arm(selection: usize, holds: bool) -> Block {
@@ -30,19 +30,19 @@ pub fn arm(selection: usize, holds: bool) -> Block {
 /// Blocks of operations.
 pub struct Blocks {
     of: Vec<Block>,
-    /// What is still to be asked for where an operation is needed, once its block is entered.
+    /// Conditions that are left to ask for where an operation is needed, once its block is entered.
     guards: Vec<Rc<Guard>>,
     /// Operations of each block, in their order.
     within: BTreeMap<Block, Vec<usize>>,
     /// Selections whose arms have what nothing else uses.
     arms: Vec<bool>,
-    /// Selections whose condition follows from where they stand.
+    /// Selections whose condition follows from their block.
     decided: BTreeMap<usize, bool>,
 }
 
 impl Blocks {
-    /// Of operations that are needed for what is wanted, perhaps under a condition; conditions of guards must be known where what they
-    /// guard is computed, if that may be.
+    /// Places operations that are needed for what is wanted, perhaps under a condition. Conditions of guards must be known where what they
+    /// guard is computed, if that may be guarded.
     pub fn of(
         operations: &[Operation],
         needed: &[bool],
@@ -90,12 +90,12 @@ impl Blocks {
         self.of[place]
     }
 
-    /// What is still to be asked for where an operation is needed.
+    /// Conditions that are left to ask for where an operation is needed.
     pub fn guard(&self, place: usize) -> Rc<Guard> {
         Rc::clone(&self.guards[place])
     }
 
-    /// Which operand a selection takes, where that follows from where it stands.
+    /// True or false for a selection whose condition follows from its block.
     pub fn decided(&self, selection: usize) -> Option<bool> {
         self.decided.get(&selection).copied()
     }
@@ -173,7 +173,7 @@ impl Blocks {
         one
     }
 
-    /// What holds in a block, and within how many arms it is.
+    /// Literals that hold in a block, and the number of arms that it is within.
     fn known(&self, operations: &[Operation], mut block: Block) -> (Vec<Literal>, usize) {
         let (mut known, mut depth) = (Vec::new(), 0);
         while block < NOWHERE {
@@ -189,7 +189,7 @@ impl Blocks {
 pub struct Placed {
     /// How often each is used.
     pub uses: Vec<u32>,
-    /// Where they stand.
+    /// Their blocks.
     pub blocks: Blocks,
 }
 
@@ -208,19 +208,27 @@ pub fn placed(operations: &[Operation], wanted: &[Wanted]) -> Placed {
 fn partial(operations: &[Operation], uses: &[u32]) -> Vec<bool> {
     let mut found = vec![false; operations.len()];
     for (place, operation) in operations.iter().enumerate() {
-        found[place] = match operation {
-            Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => false,
-            Operation::Unary(Unary::Neg | Unary::Abs | Unary::Signum, _)
+        found[place] =
+            !is_total(operation) || operation.operands().any(|node| found[node.index()] && uses[node.index()] <= 1);
+    }
+    found
+}
+
+/// True for an operation that is defined for all numbers, and whose result is a number.
+pub fn is_total(operation: &Operation) -> bool {
+    matches!(
+        operation,
+        Operation::Constant(_)
+            | Operation::Leaf(_)
+            | Operation::Carried(_)
+            | Operation::Unary(Unary::Neg | Unary::Abs | Unary::Signum, _)
             | Operation::Binary(Binary::Add | Binary::Sub | Binary::Mul, ..)
             | Operation::Compare(..)
             | Operation::Not(_)
             | Operation::And(..)
             | Operation::Or(..)
-            | Operation::Select(..) => operation.operands().any(|node| found[node.index()] && uses[node.index()] <= 1),
-            _ => true,
-        };
-    }
-    found
+            | Operation::Select(..)
+    )
 }
 
 /// How often operations are used: by others, and by what is wanted. What a loop reads, and a square, is used more than once.

@@ -152,13 +152,17 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     let given = read(unit, tape, &wanted, &mut function);
     let variables: HashMap<Node, &String> =
         targets.iter().rev().filter_map(|target| Some((target.node, target.variable.as_ref()?))).collect();
-    let named = |node| variables.get(&node).map(|name| (*name).clone());
+    let named = |node: Node| variables.get(&node).map(|name| (*name).clone());
     // What is told is computed where it is told.
     let when_told = told.iter().flat_map(|(condition, told)| {
         std::iter::once((*condition, None)).chain(told.numbers.iter().map(|&number| (number, Some(*condition))))
     });
     let wanted: Vec<Wanted> = targets.iter().map(|target| (target.node, None)).chain(when_told).collect();
-    let found = function.compute(tape, &wanted, named, &|leaf| given[&leaf].clone());
+    let of = |operation: &Operation| match operation {
+        Operation::Leaf(leaf) => given[leaf].clone(),
+        _ => Expression::number(f64::NAN),
+    };
+    let found = function.compute(tape.operations(), &wanted, &named, &of);
     let mut numbers = found[targets.len()..].iter();
     for (note, (_, told)) in notes.iter().zip(&told) {
         let condition = numbers.next().expect("each note has a condition").condition();

@@ -1,4 +1,4 @@
-//! Straight-line C of a recording: what is used once stands where it is used, what is used more often has a name.
+//! C of a recording: what is used once stands where it is used, what is used more often has a name; selections are branches.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -7,7 +7,7 @@ use std::mem::{replace, take};
 use super::blocks::{Block, Blocks, Placed, ROOT, Wanted, arm, placed};
 use super::expression::{Expression, Kind};
 use super::names::Names;
-use crate::recording::{Body, Leaf, Node, Operation, Tape};
+use crate::recording::{Body, Node, Operation};
 use crate::scalar::Opaque;
 
 /// Expressions of more operations get a name, so that a person can follow them.
@@ -58,9 +58,6 @@ impl Scope<'_> {
     }
 }
 
-/// What a function is given, by what the recording calls it.
-pub type Given<'a> = dyn Fn(Leaf) -> Expression + 'a;
-
 impl<'a> Function<'a> {
     /// Empty lines, where conditions have this type.
     pub fn new(names: &'a mut Names, conditions: &'static str) -> Self {
@@ -103,22 +100,9 @@ impl<'a> Function<'a> {
         let _ = writeln!(self.lines, " /* {text} */");
     }
 
-    /// Computes nodes of a tape; the expressions that they are. Those that are to have a name are given it.
+    /// Computes nodes of a tape or of an iteration's body from leaves and carried numbers, which are given; the expressions that they
+    /// are. Those that are to have a name are given it.
     pub fn compute(
-        &mut self,
-        tape: &Tape,
-        wanted: &[Wanted],
-        named: impl Fn(Node) -> Option<String>,
-        given: &Given,
-    ) -> Vec<Expression> {
-        let leaf = |operation: &Operation| match operation {
-            Operation::Leaf(leaf) => given(*leaf),
-            _ => Expression::number(f64::NAN),
-        };
-        self.statements(tape.operations(), wanted, &named, &leaf)
-    }
-
-    fn statements(
         &mut self,
         operations: &[Operation],
         wanted: &[Wanted],
@@ -373,7 +357,7 @@ impl<'a> Function<'a> {
         given: &dyn Fn(&Operation) -> Expression,
     ) -> Vec<Expression> {
         let wanted: Vec<Wanted> = wanted.iter().map(|&node| (node, None)).collect();
-        self.statements(&body.operations, &wanted, named, given)
+        self.compute(&body.operations, &wanted, named, given)
     }
 }
 
