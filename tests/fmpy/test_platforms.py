@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from conftest import PROGRAM, ROOT, adaptive_fmu
 from fmpy.fmi2 import fmi2CallbackFunctions
+from fmpy.fmi3 import _FMU3
 from master import PLANT
 
 # What fmi2Functions.h of FMI 2.0 declares, but for the types: the common functions, and those of either interface.
@@ -27,6 +28,10 @@ STANDARD = """
     SetRealInputDerivatives GetRealOutputDerivatives DoStep CancelStep GetStatus GetRealStatus GetIntegerStatus
     GetBooleanStatus GetStringStatus
 """.split()
+# Those of FMI 3.0, as FMPy declares them; and those that describe a library.
+STANDARD_3 = {name for name in dir(_FMU3) if name.startswith("fmi3")}
+OWN = {f"adaptive_fmu_{name}" for name in ("describe", "source", "firmware", "kernel_functions", "take_kernel", "has_kernel")}
+EXPORTED = {f"fmi2{name}" for name in STANDARD} | STANDARD_3 | OWN
 OLDEST_GLIBC = (2, 17)
 SYSTEM = {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "libpthread.so.0", "libdl.so.2", "ld-linux-x86-64.so.2"}
 
@@ -49,8 +54,7 @@ def glibc(library: Path) -> tuple[int, ...]:
 
 def test_the_library_exports_the_functions_of_the_standard_and_those_that_describe_it(library: Path) -> None:
     symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
-    own = {f"adaptive_fmu_{name}" for name in ("describe", "source", "firmware", "kernel_functions", "take_kernel", "has_kernel")}
-    assert symbols == {f"fmi2{name}" for name in STANDARD} | own
+    assert len(STANDARD_3) == 75 and symbols == EXPORTED
 
 
 def test_the_library_needs_the_system_alone_and_lacks_nothing(library: Path) -> None:

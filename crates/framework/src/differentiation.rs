@@ -61,6 +61,42 @@ fn is_in(ranges: &[Range<usize>], place: u32) -> bool {
     ranges.iter().any(|range| range.contains(&(place as usize)))
 }
 
+/// Seeds of signals and rates times their derivatives by inputs, states and time: the transposed of [`directional`].
+#[derive(Debug)]
+pub struct Adjoint {
+    instructions: Instructions,
+    /// The inputs and states, and time, that the results are by, by their places in the block.
+    knowns: Vec<usize>,
+}
+
+impl Adjoint {
+    /// From a recording that evaluates, with the place of time; none where it has iterations that depend on inputs or states.
+    pub fn of(variables: &Variables, time: usize, evaluate: Recording) -> Option<Self> {
+        let Recording { mut tape, reals, .. } = evaluate;
+        let places = |sections: [Section; 2]| sections.into_iter().flat_map(|section| variables.reals(section));
+        let of_place = |tape: &mut Tape, place: usize| (reals[place], tape.leaf(Leaf::Change(place as u32)));
+        let wanted: Vec<_> =
+            places([Section::Signal, Section::Derivative]).map(|place| of_place(&mut tape, place)).collect();
+        let knowns: Vec<usize> = places([Section::Input, Section::State]).chain([time]).collect();
+        let leaf = |place: usize| if place == time { Leaf::Time } else { Leaf::Real(place as u32) };
+        let leaves: Vec<Node> = knowns.iter().map(|&place| tape.leaf(leaf(place))).collect();
+        let found = tape.adjoints(&wanted, &leaves)?;
+        let zero = tape.number(0.0);
+        let nodes: Vec<Node> = found.into_iter().map(|node| node.unwrap_or(zero)).collect();
+        Some(Adjoint { instructions: Instructions::of(&tape, &nodes), knowns })
+    }
+
+    /// Writes the result by each known to its place, from the seeds at theirs.
+    pub fn carry_out(&self, point: &Given, seeds: &[f64], registers: &mut Registers, results: &mut [f64]) {
+        let leaf = |leaf: Leaf| match leaf {
+            Leaf::Change(place) => seeds[place as usize],
+            _ => point.leaf(leaf),
+        };
+        let found = self.instructions.carry_out(leaf, registers);
+        self.knowns.iter().zip(found).for_each(|(&place, result)| results[place] = result);
+    }
+}
+
 fn in_direction(
     variables: &Variables,
     recording: Recording,

@@ -4,22 +4,22 @@ mod description;
 mod preparing;
 mod stored;
 
-pub use description::{Description, Experiment};
+pub use description::{Description, Experiment, Standard};
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
 use crate::controls::Controls;
 use crate::designed::designed;
-use crate::differentiation::{self, Direction};
+use crate::differentiation::{self, Adjoint, Direction};
 use crate::error::Invalid;
 use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
 use crate::structure::{Place, Structure};
 use crate::system::{
-    Data, Declaration, DynSystem, Equations, Kind, MessageLog, Names, NoStructure, Registry, Section, System, Variable,
-    Variables,
+    Data, Declaration, DynSystem, Equations, Handle, Kind, MessageLog, Names, NoStructure, Registry, Section, System,
+    Variable, Variables,
 };
 
 /// The values of one instance. A copy of it is a copy of the instance.
@@ -56,6 +56,7 @@ pub struct Model {
     structure: OnceLock<Structure>,
     direction: OnceLock<Direction>,
     start_direction: OnceLock<Direction>,
+    adjoint: OnceLock<Option<Adjoint>>,
     workspaces: Workspaces,
 }
 
@@ -94,6 +95,7 @@ impl Model {
             start: start.clone(),
             magnitudes: toml::Table::new(),
             nominal: None,
+            fmi: None,
             designed: None,
         };
         Model::build(description, &Kind::of::<M>(), &[])
@@ -142,6 +144,7 @@ impl Model {
             structure: OnceLock::new(),
             direction: OnceLock::new(),
             start_direction: OnceLock::new(),
+            adjoint: OnceLock::new(),
             workspaces: Workspaces::default(),
         };
         // Start values that the system refuses make no model.
@@ -199,13 +202,24 @@ impl Model {
 
     /// What depends on what, found when it is first asked for.
     pub fn structure(&self) -> &Structure {
-        self.structure.get_or_init(|| Structure::of(self.system(), &self.variables))
+        self.structure.get_or_init(|| Structure::of(self.system(), &self.variables, Place::Real(self.time_place())))
+    }
+
+    /// The place of time among the reals of a block.
+    pub fn time_place(&self) -> usize {
+        self.variables.reals(Section::Memory).start + self.controls.time.span().range().start
     }
 
     /// What computes changes of signals and rates, recorded when it is first asked for.
     pub fn direction(&self) -> &Direction {
         let recorded = || differentiation::directional(&self.variables, self.recorded(Method::Evaluate));
         self.direction.get_or_init(|| Direction::of(&recorded()))
+    }
+
+    /// Computes adjoint derivatives; none where these are found direction by direction.
+    pub fn adjoint(&self) -> Option<&Adjoint> {
+        let made = || Adjoint::of(&self.variables, self.time_place(), self.recorded(Method::Evaluate));
+        self.adjoint.get_or_init(made).as_ref()
     }
 
     /// What computes changes of the start, likewise.

@@ -30,8 +30,8 @@ pub struct Structure {
 }
 
 impl Structure {
-    /// As a system's equations and its start have it.
-    pub fn of(system: &dyn DynSystem, variables: &Variables) -> Self {
+    /// As a system's equations and its start have it, with the place of time.
+    pub fn of(system: &dyn DynSystem, variables: &Variables, time: Place) -> Self {
         let found = |method| Recording::of(system, method, &variables.layout());
         let wanted = |element: &Element<'_>| {
             let is_output = element.variable.causality == Causality::Output;
@@ -40,12 +40,12 @@ impl Structure {
         let unknowns: Vec<Place> =
             variables.visible().filter(wanted).map(|element| Place::of(variables, element)).collect();
         Structure {
-            running: dependence(&found(Method::Evaluate), &unknowns, |leaf| running(leaf, variables)),
+            running: dependence(&found(Method::Evaluate), &unknowns, |leaf| running(leaf, variables, time)),
             start: dependence(&found(Method::Start), &unknowns, |leaf| start(leaf, variables)),
         }
     }
 
-    /// The inputs and states that an output, a derivative or a connected value depends on while a simulation runs.
+    /// The inputs and states, and time, that an output, a derivative or a connected value depends on while a simulation runs.
     pub fn running(&self, place: Place) -> &[Place] {
         self.running.get(&place).map_or(&[], Vec::as_slice)
     }
@@ -74,8 +74,8 @@ fn dependence(
     unknowns.iter().copied().zip(on.into_iter().map(places)).collect()
 }
 
-/// What a leaf of the equations is to a master: an input or a state.
-fn running(leaf: Leaf, variables: &Variables) -> Vec<Place> {
+/// What a leaf of the equations is to a master: an input, a state or time.
+fn running(leaf: Leaf, variables: &Variables, time: Place) -> Vec<Place> {
     let is_known = |place: usize, ranges: &[std::ops::Range<usize>]| ranges.iter().any(|range| range.contains(&place));
     match leaf {
         Leaf::Real(place) => {
@@ -86,6 +86,7 @@ fn running(leaf: Leaf, variables: &Variables) -> Vec<Place> {
             let known = [variables.integers(Section::Input)];
             is_known(place as usize, &known).then_some(Place::Integer(place as usize)).into_iter().collect()
         }
+        Leaf::Time => vec![time],
         _ => Vec::new(),
     }
 }

@@ -1,6 +1,6 @@
 //! `export`: descriptions become FMUs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Once;
@@ -10,7 +10,7 @@ use adaptive_fmu::analysis::{InLoop, in_loop};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::fmi2::firmware::{Fallback, Options, Signals};
-use adaptive_fmu::model::Description;
+use adaptive_fmu::model::{Description, Standard};
 use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::parallel;
 use adaptive_fmu::scratch::Scratch;
@@ -98,6 +98,17 @@ pub struct Arguments {
     /// Tools with FMI Library 3 refuse FMUs that contain it.
     #[arg(long)]
     terminals: bool,
+    /// Version of FMI: 2 for FMI 2.0, 3 for FMI 3.0 (docs/fmi3.md)
+    ///
+    /// Commands of this program read FMI 2.0, so an FMU of FMI 3.0 is for other tools.
+    #[arg(
+        long,
+        value_name = "2|3",
+        default_value = "2",
+        value_parser = clap::value_parser!(u8).range(2..=3),
+        conflicts_with_all = ["ssp", "run", "firmware"]
+    )]
+    fmi: u8,
     /// Run this loop with the exported FMUs afterwards
     #[arg(long, value_name = "LOOP")]
     run: Option<String>,
@@ -109,13 +120,16 @@ pub struct Arguments {
 /// Writes the FMUs that are asked for, and closes a loop through them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { names, all: every, composite, without, ssp, out, library, values, run, json, .. } = arguments;
-    let (library, content) = (chosen(library)?, Content { form: arguments.form()?, terminals: arguments.terminals });
+    let standard = if arguments.fmi == 3 { Standard::Fmi3 } else { Standard::Fmi2 };
+    let content = Content { form: arguments.form()?, terminals: arguments.terminals, standard };
+    let library = chosen(library)?;
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
     let names = if *every || names.is_empty() && !whole_loops_only { all() } else { with_folders(names)? };
     if arguments.firmware {
         return arguments.write_firmware(&names, &library);
     }
+    let before = versions(out);
     let mut tried = match values {
         Some(values) => vec![export_with_values(&names, values, &library, out, &content)],
         None => export_named(&names, &library, out, &content)?,
@@ -124,6 +138,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let mut failures = Vec::new();
     let fmus = written(tried, &mut failures);
     let loops = written(ssp.iter().map(|name| pack_loop(name, &library, out, &content)), &mut failures);
+    for file in fmus.iter().filter(|file| before.get(*file).is_some_and(|version| version != standard.version())) {
+        let (name, before) = (file.display(), &before[file]);
+        remark!("{name} was an FMU of FMI {before}, and is one of FMI {} now", standard.version());
+    }
     let told = |files: &[PathBuf]| files.iter().map(|file| console::path(file)).collect::<Vec<_>>();
     if !failures.is_empty() && fmus.is_empty() && loops.is_empty() {
         // Nothing to print.
@@ -259,6 +277,12 @@ fn chosen(named: &[String]) -> Result<Library, Error> {
     let mut library = own.map_or_else(Library::beside_program, |binary| Library::open(&binary.file))?;
     others.into_iter().try_for_each(|binary| library.add(binary))?;
     Ok(library)
+}
+
+/// The FMUs in a folder, and the version of FMI that each is of.
+fn versions(folder: &Path) -> HashMap<PathBuf, String> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    files.filter_map(|file| exporter::version_of(&file).map(|version| (file, version))).collect()
 }
 
 /// The names of all FMUs of this package.

@@ -32,12 +32,13 @@ impl Derivation {
 }
 
 impl Execution {
-    /// Derivatives in the direction that gives each of the `knowns` (inputs and states, by their places in the block) the
+    /// Derivatives in the direction that gives each of the `knowns` (inputs, states and time, by their places in the block) the
     /// change in `seed`: exact, at the present inputs and the valid parameters. Values at the places of the block.
     pub fn directional_derivative(&mut self, knowns: &[u32], seed: &[f64]) -> &[f64] {
         self.place_derivation();
         self.seed(knowns, seed);
-        self.along(Model::direction, 0.0)
+        let of_time = self.derivation.changes[self.model.time_place()];
+        self.along(Model::direction, of_time)
     }
 
     /// Derivatives of the start, at the present time, parameters and inputs, in the direction that gives each of the
@@ -53,6 +54,37 @@ impl Execution {
         }
         self.seed(inputs, seed);
         self.along(Model::start_direction, 0.0)
+    }
+
+    /// The seed of the `unknowns` times their derivatives by each of the `knowns`, all by their places in the block: of the start by
+    /// inputs, or as [`Execution::directional_derivative`] has them.
+    pub fn adjoint_derivative(&mut self, starts: bool, (unknowns, seed): (&[u32], &[f64]), knowns: &[u32]) -> Vec<f64> {
+        if !starts && self.model.adjoint().is_some() {
+            return self.adjoint_on_tape((unknowns, seed), knowns);
+        }
+        let by = |known: &u32| {
+            let known = std::slice::from_ref(known);
+            let column =
+                if starts { self.start_derivative(known, &[1.0]) } else { self.directional_derivative(known, &[1.0]) };
+            unknowns.iter().zip(seed).map(|(&unknown, seed)| seed * column[unknown as usize]).sum()
+        };
+        knowns.iter().map(by).collect()
+    }
+
+    fn adjoint_on_tape(&mut self, (unknowns, seed): (&[u32], &[f64]), knowns: &[u32]) -> Vec<f64> {
+        self.place_derivation();
+        self.seed(unknowns, seed);
+        let time = self.time();
+        let Derivation { block, changes, registers } = &mut self.derivation;
+        let point = Given { time, step: 0.0, reals: &block.reals, integers: &block.integers, crossed: &[] };
+        // A state that is asked for changes as it changes itself.
+        let states = self.model.variables().reals(Section::State);
+        let mut results = vec![0.0; changes.len()];
+        if let Some(adjoint) = self.model.adjoint() {
+            adjoint.carry_out(&point, changes, registers, &mut results);
+        }
+        let own = |known: usize| if states.contains(&known) { changes[known] } else { 0.0 };
+        knowns.iter().map(|&known| results[known as usize] + own(known as usize)).collect()
     }
 
     /// Time derivatives of signals and states at the last communication point, exact, along the solution. Values at the

@@ -41,7 +41,7 @@ impl Execution {
         let v = Values::new(reals, integers, self.model.variables().offsets());
         let present = &reals[inputs];
         ramp_values.copy_from_slice(present);
-        let handling = if first { InputHandling::Hold } else { v.get(handling).item() };
+        let handling = if first || v[last] == 0.0 { InputHandling::Hold } else { v.get(handling).item() };
         if v.get(given) {
             ramp_slopes.copy_from_slice(&v[given_slopes]);
         } else if handling == InputHandling::Hold {

@@ -4,6 +4,7 @@ mod derivatives;
 mod inputs;
 mod model_exchange;
 mod settled;
+mod step_mode;
 
 use std::sync::Arc;
 
@@ -27,6 +28,8 @@ pub struct Execution {
     block: Block,
     /// True if this integrates: not where a master does, in model exchange.
     integrates: bool,
+    /// True if events at the end of a communication step are the master's to handle.
+    leaves_events: bool,
     /// True if nothing was changed since everything was computed.
     fresh: bool,
     /// Where it works.
@@ -50,6 +53,7 @@ impl Execution {
             fresh: false,
             place: model.workspaces().place(|| model.workspace()),
             integrates: true,
+            leaves_events: false,
             derivation: Derivation::new(),
             event_indicators: vec![0.0; model.variables().indicators().len()],
             block: model.start().clone(),
@@ -357,7 +361,8 @@ impl Execution {
             controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle).item());
         let fixed_steps = controls.fixed_steps.map_or(1, |handle| self.values().get(handle));
         let most_work = self.values()[controls.work_limit];
-        Settings { method, fixed_steps, relative_tolerance, most_work, ..Settings::default() }
+        let leaves_end = self.leaves_events;
+        Settings { method, fixed_steps, relative_tolerance, most_work, leaves_end, ..Settings::default() }
     }
 
     /// Takes over the parameters that were set since the last step, then advances from t by one communication step;

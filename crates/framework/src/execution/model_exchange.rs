@@ -1,4 +1,5 @@
-//! An instance in model exchange: the master integrates, and asks for values at its own times, states and inputs.
+//! An instance in model exchange: the master integrates, and asks for values at its own times, states and inputs. Its events are those of
+//! Event Mode in co-simulation, too.
 
 use super::Execution;
 use crate::error::{Invalid, StepError};
@@ -101,11 +102,21 @@ impl Execution {
     /// The event indicators, evaluated.
     pub fn event_indicators(&mut self) -> &[f64] {
         self.evaluate();
+        self.find_indicators()
+    }
+
+    /// The event indicators of the values as they are.
+    pub fn find_indicators(&mut self) -> &[f64] {
         let (t, mut z) = (self.time(), std::mem::take(&mut self.event_indicators));
         self.with_valid_parameters(|execution| {
             execution.model.equations().event_indicators(t, &execution.values(), &mut z)
         });
         self.event_indicators = z;
+        &self.event_indicators
+    }
+
+    /// The event indicators as they were found last.
+    pub fn known_indicators(&self) -> &[f64] {
         &self.event_indicators
     }
 
@@ -175,7 +186,10 @@ impl Execution {
         let waiting = self.log.len();
         self.changed();
         let taken_over = self.commit_parameters().map_err(StepError::Parameters)?;
-        let events = self.handle_events(workspace).inspect_err(|_| {
+        // Not every master sets inputs in Initialization Mode: what is taken from them at the start is taken in the first Event Mode, too.
+        let starts = self.integrates && !self.values().get(self.model.controls().started);
+        let begun = if starts { self.initialise_states(workspace) } else { Ok(()) };
+        let events = begun.and_then(|()| self.handle_events(workspace)).inspect_err(|_| {
             workspace.bring_back(&mut self.block.reals, &mut self.block.integers);
             self.log.truncate(waiting);
             self.fresh = false;
@@ -188,15 +202,14 @@ impl Execution {
             changed: events || taken_over,
             parameters_taken_over: taken_over,
             states_changed: self.values().get(jumped),
-            next_time_event: Some(self.model.equations().next_time_event(&self.values()))
-                .filter(|time| time.is_finite()),
+            next_time_event: self.next_time_event(),
         })
     }
 
     fn handle_events(&mut self, workspace: &mut Workspace) -> Result<bool, StepError> {
-        let (t, settings) = (self.time(), self.settings());
+        let (t, settings, slack) = (self.time(), self.settings(), self.event_slack());
         self.recall_indicators(workspace);
-        let any = workspace.driver.events_at(&mut self.problem(), t, &settings)?;
+        let any = workspace.driver.events_at(&mut self.problem(), (t, slack), &settings)?;
         self.keep_indicators(workspace);
         self.fresh = true;
         self.check_point()?;

@@ -1,6 +1,8 @@
 //! Value references: index of the value in the instance's block, integers behind the reals. So each is unique over
-//! all types, and a wrong type is noticed.
+//! all types, and a wrong type is noticed. In FMI 3.0 that of an array is its first element's, and event indicators have
+//! references behind all others.
 
+use crate::structure::Place;
 use crate::system::{Causality, Data, Element, Section, Variability, Variables};
 
 /// The types of values at the boundary.
@@ -41,6 +43,12 @@ pub struct References {
     integers: Vec<(Access, Type)>,
     /// Number of items of each integer that is a choice.
     items: Vec<Option<i32>>,
+    /// Rows and columns of what a reference is of; 0 where it is another's element. Empty in FMI 2.0, where all are scalars.
+    shapes: Vec<[u32; 2]>,
+    /// Number of event indicators that have references.
+    indicators: u32,
+    /// Places of discrete variables that are computed, in FMI 3.0.
+    discrete: Vec<Place>,
 }
 
 /// What a value reference of the wrong sort is.
@@ -59,6 +67,9 @@ impl References {
             reals: vec![Access::Hidden; variables.reals(Section::Memory).end],
             integers: vec![(Access::Hidden, Type::Integer); variables.integers(Section::Memory).end],
             items: vec![None; variables.integers(Section::Memory).end],
+            shapes: Vec::new(),
+            indicators: 0,
+            discrete: Vec::new(),
         };
         for element in variables.visible() {
             let access = match (element.variable.causality, element.variable.variability) {
@@ -82,11 +93,77 @@ impl References {
         references
     }
 
+    /// The value references of these variables in FMI 3.0, of which some are arrays: each first reference with its rows and columns.
+    /// Time can be read.
+    pub fn with_arrays(variables: &Variables, time: u32, arrays: impl Iterator<Item = (u32, [u32; 2])>) -> Self {
+        let mut references = References::new(variables);
+        references.reals[time as usize] = Access::Calculated { output: false };
+        references.indicators = variables.indicators().len() as u32;
+        let is_discrete = |element: &Element| {
+            let is_computed = matches!(element.variable.causality, Causality::Output | Causality::Local);
+            is_computed && element.variable.variability == Variability::Discrete
+        };
+        let discrete = variables.visible().filter(is_discrete).map(|element| Place::of(variables, element));
+        references.discrete = discrete.collect();
+        let all = references.reals.len() + references.integers.len();
+        references.shapes = vec![[1, 1]; all + usize::from(references.indicators > 0)];
+        if let Some(shape) = references.shapes.get_mut(all) {
+            *shape = [references.indicators, 1];
+        }
+        for (first, [rows, columns]) in arrays {
+            let elements = first as usize..(first + rows * columns) as usize;
+            references.shapes[elements].fill([0, 0]);
+            references.shapes[first as usize] = [rows, columns];
+        }
+        references
+    }
+
+    /// Places of discrete variables that are computed.
+    pub fn discrete(&self) -> &[Place] {
+        &self.discrete
+    }
+
+    /// The reference of the event indicators, behind all others.
+    pub fn first_indicator(&self) -> u32 {
+        (self.reals.len() + self.integers.len()) as u32
+    }
+
+    /// The number of an event indicator, where a reference is one's.
+    pub fn indicator(&self, reference: u32) -> Option<usize> {
+        let number = reference.checked_sub(self.first_indicator())?;
+        (number < self.indicators).then_some(number as usize)
+    }
+
+    /// How many values a reference names.
+    ///
+    /// # Errors
+    /// [`NoValue`] when it is no variable's.
+    pub fn length(&self, reference: u32) -> Result<usize, NoValue> {
+        match self.shapes.get(reference as usize) {
+            Some([0, _]) | None => Err(NoValue::Unknown),
+            Some([rows, columns]) => Ok((rows * columns) as usize),
+        }
+    }
+
+    /// The references of all values that these name, arrays row by row.
+    pub fn values_of<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = u32> + Clone + 'a {
+        references.iter().flat_map(|&reference| {
+            let [rows, columns] = self.shapes.get(reference as usize).copied().unwrap_or([1, 1]);
+            // As they are stored, columns come first.
+            (0..rows * columns).map(move |k| reference + k % columns * rows + k / columns)
+        })
+    }
+
     /// The value reference of an element.
     pub fn of(variables: &Variables, element: Element<'_>) -> u32 {
         let index = variables.index(element);
         let before = if element.variable.is_real() { 0 } else { variables.reals(Section::Memory).end };
         (before + index) as u32
+    }
+
+    /// True if an integer, by its place, is a choice of items.
+    pub fn is_choice(&self, place: usize) -> bool {
+        self.items[place].is_some()
     }
 
     /// True if an integer may have a value: only the numbers of its items, where it is a choice.
@@ -103,6 +180,7 @@ impl References {
         let index = reference as usize;
         let (place, access, is) = match self.reals.get(index) {
             Some(&access) => (index, access, Type::Real),
+            None if self.indicator(reference).is_some() => (index, Access::Calculated { output: false }, Type::Real),
             None => {
                 let place = index - self.reals.len();
                 let &(access, is) = self.integers.get(place).ok_or(NoValue::Unknown)?;

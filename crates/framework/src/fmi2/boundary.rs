@@ -10,7 +10,7 @@ use super::panics;
 use super::types::{Component, Status, StringPointer};
 
 /// Calls into an instance: the table of allowed calls, panics, messages and status, in one place.
-pub(super) fn call(
+pub(crate) fn call(
     component: Component,
     function: Function,
     body: impl FnOnce(&mut Instance) -> Answer<Status>,
@@ -49,14 +49,15 @@ fn answer(instance: &mut Instance, function: Function, body: impl FnOnce(&mut In
         }
         Err(fault) => {
             instance.poison();
-            let reason = format!("{}: internal fault, please report it: {fault}. Free the instance", function.name());
+            let reason =
+                format!("{}: internal fault, please report it: {fault}. Free the instance", instance.called(function));
             instance.logger.log(Status::Error, ERROR, &reason);
             Status::Error
         }
     }
 }
 
-pub(super) fn ok(answer: Answer) -> Answer<Status> {
+pub(crate) fn ok(answer: Answer) -> Answer<Status> {
     answer.map(|()| Status::Ok)
 }
 
@@ -64,7 +65,7 @@ pub(super) fn ok(answer: Answer) -> Answer<Status> {
 ///
 /// # Safety
 /// A pointer that isn't NULL must be that of so many elements.
-pub(super) unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
+pub(crate) unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
     match (pointer.is_null(), len) {
         (_, 0) => Some(&[]),
         (true, _) => None,
@@ -77,7 +78,7 @@ pub(super) unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [
 ///
 /// # Safety
 /// As [`array`], and nothing else may refer to it.
-pub(super) unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a mut [T]> {
+pub(crate) unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a mut [T]> {
     match (pointer.is_null(), len) {
         (_, 0) => Some(&mut []),
         (true, _) => None,
@@ -90,11 +91,11 @@ pub(super) unsafe fn array_mut<'a, T>(pointer: *mut T, len: usize) -> Option<&'a
 ///
 /// # Safety
 /// A pointer that isn't NULL must be that of a string with its end.
-pub(super) unsafe fn string<'a>(pointer: StringPointer) -> Option<&'a CStr> {
+pub(crate) unsafe fn string<'a>(pointer: StringPointer) -> Option<&'a CStr> {
     // SAFETY: as this function asks of its caller.
     (!pointer.is_null()).then(|| unsafe { CStr::from_ptr(pointer) })
 }
 
-pub(super) fn null(function: Function) -> Refused {
-    Refused(format!("{}: a pointer is NULL", function.name()))
+pub(crate) fn null(instance: &Instance, function: Function) -> Refused {
+    Refused(format!("{}: a pointer is NULL", instance.called(function)))
 }

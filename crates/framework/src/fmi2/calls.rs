@@ -1,5 +1,5 @@
 //! Which function may be called when: the state machines of model exchange and of co-simulation (FMI 2.0.4, sections
-//! 3.2.3 and 4.2.4) as one table.
+//! 3.2.3 and 4.2.4; FMI 3.0.2, sections 3.2 and 4.2) as one table.
 
 /// Why a call is refused, for the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,6 +13,8 @@ impl<T: Into<String>> From<T> for Refused {
 
 /// The answer to a call.
 pub type Answer<T = ()> = Result<T, Refused>;
+
+pub use crate::model::Standard;
 
 /// Which of the standard's two interfaces an instance was made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,19 +46,19 @@ impl Interface {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Phase {
-    /// After fmi2Instantiate or fmi2Reset.
+    /// After instantiation, or a reset.
     Instantiated = 0,
-    /// Between fmi2EnterInitializationMode and fmi2ExitInitializationMode.
+    /// Initialization Mode.
     Initialization = 1,
-    /// Model exchange: at an event, or right after initialisation.
+    /// Event Mode: at an event, or right after initialisation; in FMI 2.0 in model exchange only.
     Event = 2,
     /// Model exchange: being integrated by the master.
     ContinuousTime = 3,
-    /// Co-simulation: initialised; the last step, if any, is complete.
+    /// Co-simulation: initialised; the last step, if any, is complete. Step Mode in FMI 3.0.
     StepComplete = 4,
     /// Co-simulation: the last step was discarded.
     StepFailed = 5,
-    /// After fmi2Terminate.
+    /// After the end.
     Terminated = 6,
     /// A step or an event failed. Values are those before it.
     Error = 7,
@@ -79,9 +81,10 @@ impl Phase {
     ];
 
     /// True if an instance of this interface may be saved in it.
-    pub fn is_of(self, interface: Interface) -> bool {
+    pub fn is_of(self, (standard, interface): (Standard, Interface)) -> bool {
         match self {
-            Phase::Event | Phase::ContinuousTime => interface == Interface::ModelExchange,
+            Phase::Event => standard == Standard::Fmi3 || interface == Interface::ModelExchange,
+            Phase::ContinuousTime => interface == Interface::ModelExchange,
             Phase::StepComplete | Phase::StepFailed => interface == Interface::CoSimulation,
             Phase::Poisoned => false,
             _ => true,
@@ -119,9 +122,19 @@ const E: u16 = Phase::Error.bit();
 /// Every phase but the poisoned one.
 const ANY: u16 = I | M | V | C | S | F | T | E;
 
+macro_rules! name_in_3 {
+    ($function:ident) => {
+        concat!("fmi3", stringify!($function))
+    };
+    ($function:ident $name:literal) => {
+        concat!("fmi3", $name)
+    };
+}
+
 macro_rules! call_table {
-    ($($function:ident: $model_exchange:expr, $co_simulation:expr;)*) => {
-        /// The functions that take an instance, but for fmi2FreeInstance, which is always allowed.
+    ($($function:ident $(($in_3:literal))?: $me_2:expr, $cs_2:expr, $me_3:expr, $cs_3:expr;)*) => {
+        /// The functions that take an instance, but for those that free it, which are always allowed. Named as in FMI 2.0, where
+        /// they are there.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
         #[allow(missing_docs)] // named as in the standard
         pub enum Function {
@@ -132,87 +145,105 @@ macro_rules! call_table {
             /// All functions.
             pub const ALL: &'static [Function] = &[$(Function::$function,)*];
 
-            /// Its name in the standard.
-            pub fn name(self) -> &'static str {
-                match self {
-                    $(Function::$function => concat!("fmi2", stringify!($function)),)*
+            /// Its name in a standard.
+            pub fn name_in(self, standard: Standard) -> &'static str {
+                match (self, standard) {
+                    $((Function::$function, Standard::Fmi2) => concat!("fmi2", stringify!($function)),)*
+                    $((Function::$function, Standard::Fmi3) => name_in_3!($function $($in_3)?),)*
                 }
             }
         }
 
-        /// Where each function is allowed, in model exchange and in co-simulation.
-        const ALLOWED: &[[u16; 2]] = &[$([$model_exchange, $co_simulation],)*];
+        /// Where each function is allowed: in FMI 2.0 and FMI 3.0, there in model exchange and in co-simulation.
+        const ALLOWED: &[[[u16; 2]; 2]] = &[$([[$me_2, $cs_2], [$me_3, $cs_3]],)*];
     };
 }
 
 call_table! {
-    // Function                     in model exchange   in co-simulation
-    SetDebugLogging:               ANY,                ANY;
-    SetupExperiment:               I,                  I;
-    EnterInitializationMode:       I,                  I;
-    ExitInitializationMode:        M,                  M;
+    // Function                                          FMI 2.0: model exchange, co-simulation; FMI 3.0: the same
+    SetDebugLogging:                                  ANY,               ANY,               ANY,                   ANY;
+    SetupExperiment("EnterInitializationMode"):       I,                 I,                 0,                     0;
+    EnterInitializationMode:                          I,                 I,                 I,                     I;
+    ExitInitializationMode:                           M,                 M,                 M,                     M;
     // In error too: masters that are refused there free an instance twice.
-    Terminate:                     V | C | E,          S | F | E;
-    Reset:                         ANY,                ANY;
-    GetReal:                       M | V | C | T | E,  M | S | F | T | E;
-    GetInteger:                    M | V | C | T | E,  M | S | F | T | E;
-    GetBoolean:                    M | V | C | T | E,  M | S | F | T | E;
-    GetString:                     M | V | C | T | E,  M | S | F | T | E;
-    SetReal:                       I | M | V | C,      I | M | S;
+    Terminate:                                        V | C | E,         S | F | E,         V | C | E,             V | S | F | E;
+    Reset:                                            ANY,               ANY,               ANY,                   ANY;
+    GetReal("GetFloat64"):                            M | V | C | T | E, M | S | F | T | E, I | M | V | C | T | E, I | M | V | S | F | T | E;
+    GetInteger("GetInt32"):                           M | V | C | T | E, M | S | F | T | E, I | M | V | C | T | E, I | M | V | S | F | T | E;
+    GetBoolean:                                       M | V | C | T | E, M | S | F | T | E, I | M | V | C | T | E, I | M | V | S | F | T | E;
+    GetString:                                        M | V | C | T | E, M | S | F | T | E, I | M | V | C | T | E, I | M | V | S | F | T | E;
+    SetReal("SetFloat64"):                            I | M | V | C,     I | M | S,         I | M | V | C,         I | M | V | S;
     // Inputs in Continuous-Time Mode too, where masters set all of them; a change waits for the next event.
-    SetInteger:                    I | M | V | C,      I | M | S;
-    SetBoolean:                    I | M | V | C,      I | M | S;
-    SetString:                     I | M | V,          I | M | S;
-    GetFMUstate:                   ANY,                ANY;
-    SetFMUstate:                   ANY,                ANY;
-    FreeFMUstate:                  ANY,                ANY;
-    SerializedFMUstateSize:        ANY,                ANY;
-    SerializeFMUstate:             ANY,                ANY;
-    DeSerializeFMUstate:           ANY,                ANY;
-    GetDirectionalDerivative:      M | V | C | T | E,  M | S | F | T | E;
-    SetRealInputDerivatives:       0,                  I | M | S;
-    GetRealOutputDerivatives:      0,                  S | F | T | E;
-    DoStep:                        0,                  S;
-    CancelStep:                    0,                  0;
-    GetStatus:                     0,                  S | F | T | E;
-    GetRealStatus:                 0,                  S | F | T | E;
-    GetIntegerStatus:              0,                  S | F | T | E;
-    GetBooleanStatus:              0,                  S | F | T | E;
-    GetStringStatus:               0,                  S | F | T | E;
-    EnterEventMode:                V | C,              0;
-    NewDiscreteStates:             V,                  0;
-    EnterContinuousTimeMode:       V,                  0;
-    CompletedIntegratorStep:       C,                  0;
-    SetTime:                       V | C,              0;
-    SetContinuousStates:           C,                  0;
-    GetDerivatives:                V | C | T | E,      0;
-    GetEventIndicators:            M | V | C | T | E,  0;
-    GetContinuousStates:           M | V | C | T | E,  0;
-    GetNominalsOfContinuousStates: I | V | C | T | E,  0;
+    SetInteger("SetInt32"):                           I | M | V | C,     I | M | S,         I | M | V | C,         I | M | V | S;
+    SetBoolean:                                       I | M | V | C,     I | M | S,         I | M | V | C,         I | M | V | S;
+    SetString:                                        I | M | V,         I | M | S,         I | M | V,             I | M | V | S;
+    GetFMUstate("GetFMUState"):                       ANY,               ANY,               ANY,                   ANY;
+    SetFMUstate("SetFMUState"):                       ANY,               ANY,               ANY,                   ANY;
+    FreeFMUstate("FreeFMUState"):                     ANY,               ANY,               ANY,                   ANY;
+    SerializedFMUstateSize("SerializedFMUStateSize"): ANY,               ANY,               ANY,                   ANY;
+    SerializeFMUstate("SerializeFMUState"):           ANY,               ANY,               ANY,                   ANY;
+    DeSerializeFMUstate("DeserializeFMUState"):       ANY,               ANY,               ANY,                   ANY;
+    GetDirectionalDerivative:                         M | V | C | T | E, M | S | F | T | E, M | V | C | T | E,     M | V | S | F | T | E;
+    SetRealInputDerivatives:                          0,                 I | M | S,         0,                     0;
+    GetRealOutputDerivatives("GetOutputDerivatives"): 0,                 S | F | T | E,     0,                     S | F | T | E;
+    DoStep:                                           0,                 S,                 0,                     S;
+    CancelStep:                                       0,                 0,                 0,                     0;
+    GetStatus:                                        0,                 S | F | T | E,     0,                     0;
+    GetRealStatus:                                    0,                 S | F | T | E,     0,                     0;
+    GetIntegerStatus:                                 0,                 S | F | T | E,     0,                     0;
+    GetBooleanStatus:                                 0,                 S | F | T | E,     0,                     0;
+    GetStringStatus:                                  0,                 S | F | T | E,     0,                     0;
+    EnterEventMode:                                   V | C,             0,                 V | C,                 V | S;
+    NewDiscreteStates("UpdateDiscreteStates"):        V,                 0,                 V,                     V;
+    EnterContinuousTimeMode:                          V,                 0,                 V,                     0;
+    CompletedIntegratorStep:                          C,                 0,                 C,                     0;
+    SetTime:                                          V | C,             0,                 V | C,                 0;
+    SetContinuousStates:                              C,                 0,                 C,                     0;
+    GetDerivatives("GetContinuousStateDerivatives"):  V | C | T | E,     0,                 M | V | C | T | E,     0;
+    GetEventIndicators:                               M | V | C | T | E, 0,                 M | V | C | T | E,     0;
+    GetContinuousStates:                              M | V | C | T | E, 0,                 M | V | C | T | E,     0;
+    GetNominalsOfContinuousStates:                    I | V | C | T | E, 0,                 I | M | V | C | T | E, 0;
+    // Not in FMI 2.0.
+    GetEnumeration("GetInt64"):                       0,                 0,                 I | M | V | C | T | E, I | M | V | S | F | T | E;
+    SetEnumeration("SetInt64"):                       0,                 0,                 I | M | V | C,         I | M | V | S;
+    EnterConfigurationMode:                           0,                 0,                 I,                     I;
+    ExitConfigurationMode:                            0,                 0,                 0,                     0;
+    EnterStepMode:                                    0,                 0,                 0,                     V;
+    EvaluateDiscreteStates:                           0,                 0,                 V,                     V;
+    GetAdjointDerivative:                             0,                 0,                 M | V | C | T | E,     M | V | S | F | T | E;
+    GetNumberOfVariableDependencies:                  0,                 0,                 ANY,                   ANY;
+    GetVariableDependencies:                          0,                 0,                 ANY,                   ANY;
+    GetNumberOfEventIndicators:                       0,                 0,                 ANY,                   0;
+    GetNumberOfContinuousStates:                      0,                 0,                 ANY,                   0;
 }
 
 impl Function {
-    fn phases(self, interface: Interface) -> u16 {
-        ALLOWED[self as usize][interface as usize]
+    /// Its name in FMI 2.0.
+    pub fn name(self) -> &'static str {
+        self.name_in(Standard::Fmi2)
+    }
+
+    fn phases(self, (standard, interface): (Standard, Interface)) -> u16 {
+        ALLOWED[self as usize][standard as usize][interface as usize]
     }
 
     /// True if an instance may call it in a phase.
-    pub fn allowed_in(self, interface: Interface, phase: Phase) -> bool {
-        self.phases(interface) & phase.bit() != 0
+    pub fn allowed_in(self, of: (Standard, Interface), phase: Phase) -> bool {
+        self.phases(of) & phase.bit() != 0
     }
 
     /// Why an instance may not call it in a phase.
-    pub fn refusal(self, interface: Interface, phase: Phase) -> String {
-        let name = self.name();
+    pub fn refusal(self, of: (Standard, Interface), phase: Phase) -> String {
+        let (name, interface) = (self.name_in(of.0), of.1);
         if self == Function::CancelStep && interface == Interface::CoSimulation {
             return format!("{name}: steps are never asynchronous, so there is none to cancel");
         }
-        if self.phases(interface) == 0 {
+        if self.phases(of) == 0 {
             let (own, other) = (interface.describe(), interface.other().describe());
             return format!("{name} belongs to {other}; this is a {own} instance");
         }
         let allowed: Vec<_> =
-            Phase::ALL.into_iter().filter(|&phase| self.allowed_in(interface, phase)).map(Phase::describe).collect();
+            Phase::ALL.into_iter().filter(|&phase| self.allowed_in(of, phase)).map(Phase::describe).collect();
         format!(
             "{name} is not allowed while the instance is {}; it is when {}",
             phase.describe(),

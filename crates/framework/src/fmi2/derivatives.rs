@@ -19,19 +19,19 @@ impl Instance {
             let (_, access) = self.place(function, reference, Type::Real)?;
             let name = || self.name(reference);
             if access != Access::Input {
-                return Err(Refused(format!("{}: `{}` is not an input", function.name(), name())));
+                return Err(Refused(format!("{}: `{}` is not an input", self.called(function), name())));
             }
             if order != 1 {
                 return Err(Refused(format!(
                     "{}: `{}`: order {order}; only order 1 is supported",
-                    function.name(),
+                    self.called(function),
                     name()
                 )));
             }
             if !value.is_finite() {
                 return Err(Refused(format!(
                     "{}: `{}`: {} must be a finite number",
-                    function.name(),
+                    self.called(function),
                     name(),
                     Number(*value)
                 )));
@@ -53,13 +53,13 @@ impl Instance {
         for (&reference, &order) in references.iter().zip(orders) {
             let (_, access) = self.place(function, reference, Type::Real)?;
             if access != (Access::Calculated { output: true }) {
-                return Err(Refused(format!("{}: `{}` is not an output", function.name(), self.name(reference))));
+                return Err(Refused(format!("{}: `{}` is not an output", self.called(function), self.name(reference))));
             }
             if order != 1 {
                 let name = self.name(reference);
                 return Err(Refused(format!(
                     "{}: `{name}`: order {order}; only order 1 is supported",
-                    function.name()
+                    self.called(function)
                 )));
             }
         }
@@ -81,30 +81,8 @@ impl Instance {
         result: &mut [f64],
     ) -> Answer<Status> {
         let function = Function::GetDirectionalDerivative;
-        let refuse = |instance: &Self, reference, reason: &str| {
-            Err(Refused(format!("{}: `{}` {reason}", function.name(), instance.name(reference))))
-        };
-        for &unknown in unknowns {
-            if !matches!(self.place(function, unknown, Type::Real)?.1, Access::Calculated { .. }) {
-                return refuse(self, unknown, "is not calculated, so it has no derivative");
-            }
-        }
-        let starts = self.phase() == Phase::Initialization;
-        let variables = self.execution.model().variables();
-        let (inputs, states) = (variables.reals(Section::Input), variables.reals(Section::State));
-        for (&known, change) in knowns.iter().zip(seed) {
-            let (place, _) = self.place(function, known, Type::Real)?;
-            if starts && !inputs.contains(&place) {
-                let reason = "is not an input: in Initialization Mode the start has derivatives by inputs alone";
-                return refuse(self, known, reason);
-            }
-            if !inputs.contains(&place) && !states.contains(&place) {
-                return refuse(self, known, "is neither an input nor a state");
-            }
-            if !change.is_finite() {
-                return refuse(self, known, &format!("has the seed {change}, which must be finite"));
-            }
-        }
+        let starts = self.check_directions(function, unknowns, knowns)?;
+        self.check_seed(function, knowns, seed)?;
         if starts {
             self.evaluate(function)?;
         }
@@ -115,6 +93,67 @@ impl Instance {
         };
         let broken = hand_out(unknowns.iter().map(|&unknown| found[unknown as usize]), result);
         Ok(self.answer_for(function, unknowns, broken))
+    }
+
+    /// fmi3GetAdjointDerivative: the seed, a number for each unknown, times the derivatives of these by each known.
+    ///
+    /// # Errors
+    /// As for [`Instance::get_directional_derivative`].
+    pub fn get_adjoint_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        seed: &[f64],
+        result: &mut [f64],
+    ) -> Answer<Status> {
+        let function = Function::GetAdjointDerivative;
+        let starts = self.check_directions(function, unknowns, knowns)?;
+        self.check_seed(function, unknowns, seed)?;
+        if starts {
+            self.evaluate(function)?;
+        }
+        let found = self.execution.adjoint_derivative(starts, (unknowns, seed), knowns);
+        let broken = hand_out(found.iter().copied(), result);
+        Ok(self.answer_for(function, knowns, broken))
+    }
+
+    /// Refuses what has no derivative; true if derivatives are those of the start.
+    fn check_directions(&self, function: Function, unknowns: &[u32], knowns: &[u32]) -> Answer<bool> {
+        let refuse = |reference, reason: &str| {
+            Err(Refused(format!("{}: `{}` {reason}", self.called(function), self.name(reference))))
+        };
+        for &unknown in unknowns {
+            let (place, access) = self.place(function, unknown, Type::Real)?;
+            if !matches!(access, Access::Calculated { .. }) {
+                return refuse(unknown, "is not calculated, so it has no derivative");
+            }
+            if place >= self.execution.block().reals.len() {
+                return refuse(unknown, "is an event indicator, whose derivatives aren't known");
+            }
+        }
+        let starts = self.phase() == Phase::Initialization;
+        let variables = self.execution.model().variables();
+        let (inputs, states) = (variables.reals(Section::Input), variables.reals(Section::State));
+        for &known in knowns {
+            let (place, _) = self.place(function, known, Type::Real)?;
+            if starts && !inputs.contains(&place) {
+                let reason = "is not an input: in Initialization Mode the start has derivatives by inputs alone";
+                return refuse(known, reason);
+            }
+            let is_time = place == self.execution.model().time_place();
+            if !inputs.contains(&place) && !states.contains(&place) && !is_time {
+                return refuse(known, "is neither an input nor a state");
+            }
+        }
+        Ok(starts)
+    }
+
+    fn check_seed(&self, function: Function, references: &[u32], seed: &[f64]) -> Answer {
+        let broken = references.iter().zip(seed).find(|(_, change)| !change.is_finite());
+        broken.map_or(Ok(()), |(&reference, change)| {
+            let (name, variable) = (self.called(function), self.name(reference));
+            Err(Refused(format!("{name}: `{variable}` has the seed {change}, which must be finite")))
+        })
     }
 
     /// The answer where derivatives were handed out, unless one of them is broken.

@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Invalid;
 use crate::execution::Execution;
-use crate::model::{Description, Model};
+use crate::model::{Description, Model, Standard};
 use crate::report::DesignReport;
 use crate::system::{Element, Variable};
 
 use super::build::{Build, Library};
 use super::kernel::Functions;
-use super::{firmware, logger, model_description};
+use super::{firmware, fmi3, logger, model_description};
 
 /// The reply to a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,8 +31,11 @@ pub struct Described {
 pub struct DescribedUnit {
     /// Name, and model identifier.
     pub name: String,
-    /// modelDescription.xml
+    /// modelDescription.xml of FMI 2.0.
     pub model_description: String,
+    /// modelDescription.xml of FMI 3.0, where the description asks for that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model_description_3: Option<String>,
     /// What it is and its equations, in Markdown.
     pub documentation: String,
     /// What its designer should know of its start values.
@@ -96,6 +99,8 @@ pub fn reply(description: Option<&str>, library: Library) -> String {
 fn unit(model: Model) -> Result<DescribedUnit, Invalid> {
     model.check_recorded()?;
     let xml = model_description::xml(&model);
+    let is_3 = model.description().standard() == Standard::Fmi3;
+    let model_description_3 = is_3.then(|| fmi3::model_description::xml(&model));
     let (name, documentation) = (model.description().name.clone(), model.documentation().to_owned());
     let report = model.report();
     let declared = model.variables().visible().map(declared_name).collect();
@@ -103,7 +108,7 @@ fn unit(model: Model) -> Result<DescribedUnit, Invalid> {
     let warnings = warnings.collect();
     // A unit that can't start from its own start values is not worth packing.
     Execution::new(model).initialise().map_err(Invalid::because)?;
-    Ok(DescribedUnit { name, model_description: xml, documentation, report, declared, warnings })
+    Ok(DescribedUnit { name, model_description: xml, model_description_3, documentation, report, declared, warnings })
 }
 
 /// The name that a variable has where no user gives it another.

@@ -1,6 +1,6 @@
-//! The macro that makes a shared library an FMU's: it defines the C functions of the standard.
+//! The macro that makes a shared library an FMU's: it defines the C functions of both versions of the standard.
 
-/// Exports the fmi2 functions for the models of a crate.
+/// Exports the functions of FMI 2.0 and of FMI 3.0 for the models of a crate.
 ///
 /// ```ignore
 /// adaptive_fmu::export_fmi2![VanDerPol];
@@ -52,7 +52,7 @@ macro_rules! define_fmi2_functions {
             static BUILD: [u8; $crate::fmi2::build::length(PACKAGE, $source)] =
                 $crate::fmi2::build::text(PACKAGE, $source);
             // No static: a crate that reads a registry of another one in a constant compiles all its models once more.
-            fn library() -> $crate::fmi2::build::Library {
+            pub(super) fn library() -> $crate::fmi2::build::Library {
                 $crate::fmi2::build::Library { registry: $registry, source: $source, build: &BUILD }
             }
             const _: () = assert!(
@@ -153,6 +153,7 @@ macro_rules! define_fmi2_functions {
                 fn adaptive_fmu_has_kernel(c: Component) -> Boolean { fmi2::has_kernel(c) }
             }
         }
+        $crate::define_fmi3_functions!();
     };
     (@function $(fn $name:ident($($argument:ident: $type:ty),* $(,)?) -> $answer:ty { $body:expr })*) => {$(
         #[unsafe(no_mangle)]

@@ -7,7 +7,7 @@ use crate::execution::Execution;
 use crate::system::Data;
 
 use super::access::{Access, NoValue, Type, element};
-use super::calls::{Answer, Function, Interface, Phase, Refused};
+use super::calls::{Answer, Function, Interface, Phase, Refused, Standard};
 use super::kernel::Functions;
 use super::logger::{self, DISCARDED, EVENTS, Logger};
 use super::model_description;
@@ -16,24 +16,31 @@ use super::shared::Shared;
 use super::snapshot::{self, Slots};
 use super::types::Status;
 
-fn refused_start(function: Function, error: &StepError) -> Refused {
-    Refused(format!("{}: {error}", function.name()))
-}
+/// Value references of single values, which can be gone through several times.
+pub trait Values: Iterator<Item = u32> + Clone {}
+
+impl<T: Iterator<Item = u32> + Clone> Values for T {}
 
 /// One instance of a unit.
 #[derive(Debug)]
 pub struct Instance {
-    pub(super) execution: Execution,
+    pub(crate) execution: Execution,
     /// What it has in common with the other instances of its unit.
-    unit: Arc<Shared>,
+    pub(crate) unit: Arc<Shared>,
     /// Which saved states are its own: those of the same unit and interface in the same build.
     pub(super) identity: [u8; 16],
     /// Where messages go.
     pub logger: Logger,
-    pub(super) interface: Interface,
-    pub(super) phase: Phase,
+    /// The standard and the interface that it was made for.
+    pub(crate) of: (Standard, Interface),
+    pub(crate) phase: Phase,
     pub(super) stop_time: Option<f64>,
     pub(super) slots: Slots,
+    /// True if the master handles events in co-simulation, in Event Mode, and if a step may end at one.
+    pub(crate) event_mode: bool,
+    pub(crate) early_return: bool,
+    /// Discrete variables before a step, where events are its master's.
+    pub(crate) discrete: Vec<u64>,
     /// True if it was logged that the master's communication points aren't the sums of its steps.
     pub(super) points_differ: bool,
 }
@@ -43,30 +50,53 @@ impl Instance {
     ///
     /// # Errors
     /// When the GUID isn't this unit's.
-    pub fn new(unit: Arc<Shared>, interface: Interface, guid: &str, logger: Logger) -> Answer<Self> {
+    pub fn new(unit: Arc<Shared>, of: (Standard, Interface), guid: &str, logger: Logger) -> Answer<Self> {
         let (own, source) = (unit.guid, unit.source);
+        if unit.model.description().standard() != of.0 {
+            let [asked, is] = match of.0 {
+                Standard::Fmi2 => ["fmi2Instantiate", "FMI 3.0"],
+                Standard::Fmi3 => ["a function of FMI 3.0", "FMI 2.0"],
+            };
+            return Err(Refused(format!("this is an FMU of {is}, and {asked} was called")));
+        }
         if guid != model_description::guid_text(own) {
+            let name = match of.0 {
+                Standard::Fmi2 => "the GUID",
+                Standard::Fmi3 => "the instantiation token",
+            };
             return Err(Refused(format!(
-                "fmi2Instantiate: the GUID `{guid}` is not that of this unit, {}: modelDescription.xml and \
-                 resources/{DESCRIPTION} don't belong together",
+                "{name} `{guid}` is not that of this unit, {}: modelDescription.xml and resources/{DESCRIPTION} don't belong \
+                 together",
                 model_description::guid_text(own)
             )));
         }
         let mut execution = Execution::new(Arc::clone(&unit.model));
-        if interface == Interface::ModelExchange {
+        if of.1 == Interface::ModelExchange {
             execution.hand_over_integration();
         }
         Ok(Instance {
             unit,
             execution,
-            identity: snapshot::identity(own, interface, source),
+            identity: snapshot::identity(own, of.1, source),
             logger,
-            interface,
+            of,
             phase: Phase::Instantiated,
             stop_time: None,
             slots: Slots::default(),
+            event_mode: false,
+            early_return: false,
+            discrete: Vec::new(),
             points_differ: false,
         })
+    }
+
+    /// The name of a function in its standard.
+    pub(crate) fn called(&self, function: Function) -> &'static str {
+        function.name_in(self.of.0)
+    }
+
+    fn refused_start(&self, function: Function, error: &StepError) -> Refused {
+        Refused(format!("{}: {error}", self.called(function)))
     }
 
     /// Where in the state machine it is.
@@ -107,10 +137,10 @@ impl Instance {
     /// With what is allowed.
     #[inline]
     pub fn check(&self, function: Function) -> Answer {
-        if function.allowed_in(self.interface, self.phase) {
+        if function.allowed_in(self.of, self.phase) {
             return Ok(());
         }
-        Err(Refused(function.refusal(self.interface, self.phase)))
+        Err(Refused(function.refusal(self.of, self.phase)))
     }
 
     /// Sends the messages that the model left.
@@ -128,12 +158,16 @@ impl Instance {
         let known: Vec<&str> = self.categories().map(|(name, _)| name).collect();
         if let Some(unknown) = categories.iter().find(|category| !known.contains(category) && **category != "logAll") {
             let known = known.join(", ");
-            return Err(Refused(format!("fmi2SetDebugLogging: there is no category `{unknown}`; there are {known}")));
+            let name = self.called(Function::SetDebugLogging);
+            return Err(Refused(format!("{name}: there is no category `{unknown}`; there are {known}")));
         }
         let all = categories.is_empty() || categories.contains(&"logAll");
         let wanted = if all { &known[..] } else { categories };
-        let wanted = if on { wanted.iter().map(|category| (*category).to_owned()).collect() } else { Vec::new() };
-        self.logger.enable(wanted);
+        match self.of.0 {
+            Standard::Fmi2 if !on => self.logger.enable(Vec::new()),
+            Standard::Fmi2 => self.logger.enable(wanted.iter().map(|category| (*category).to_owned()).collect()),
+            Standard::Fmi3 => self.logger.switch(wanted, on),
+        }
         if self.logger.is_enabled(EVENTS) {
             self.execution.tell_methods();
         }
@@ -150,18 +184,16 @@ impl Instance {
     /// # Errors
     /// For values that are no times or no tolerance.
     pub fn setup_experiment(&mut self, tolerance: Option<f64>, start: f64, stop: Option<f64>) -> Answer {
+        let name = self.called(Function::SetupExperiment);
         if let Some(tolerance) = tolerance.filter(|tolerance| !(tolerance.is_finite() && *tolerance > 0.0)) {
-            return Err(Refused(format!(
-                "fmi2SetupExperiment: tolerance = {} must be finite and above 0",
-                Number(tolerance)
-            )));
+            return Err(Refused(format!("{name}: tolerance = {} must be finite and above 0", Number(tolerance))));
         }
         if !start.is_finite() {
-            return Err(Refused(format!("fmi2SetupExperiment: startTime = {} must be finite", Number(start))));
+            return Err(Refused(format!("{name}: startTime = {} must be finite", Number(start))));
         }
         if let Some(stop) = stop.filter(|stop| !(stop.is_finite() && *stop >= start)) {
             return Err(Refused(format!(
-                "fmi2SetupExperiment: stopTime = {} must be finite, and at least startTime = {}",
+                "{name}: stopTime = {} must be finite, and at least startTime = {}",
                 Number(stop),
                 Number(start)
             )));
@@ -183,30 +215,36 @@ impl Instance {
     /// For parameters or inputs from which nothing can start; they can be set anew.
     pub fn exit_initialization_mode(&mut self) -> Answer {
         self.compute_start(Function::ExitInitializationMode)?;
-        self.phase = match self.interface {
+        self.phase = match self.of.1 {
             Interface::ModelExchange => {
                 let started = self.execution.begin_model_exchange();
-                started.map_err(|error| refused_start(Function::ExitInitializationMode, &error))?;
+                started.map_err(|error| self.refused_start(Function::ExitInitializationMode, &error))?;
+                Phase::Event
+            }
+            Interface::CoSimulation if self.event_mode => {
+                let started = self.execution.begin_event_mode();
+                started.map_err(|error| self.refused_start(Function::ExitInitializationMode, &error))?;
                 Phase::Event
             }
             Interface::CoSimulation => Phase::StepComplete,
         };
+        self.execution.find_indicators();
         Ok(())
     }
 
     fn compute_start(&mut self, function: Function) -> Answer {
-        self.execution.initialise().map_err(|error| refused_start(function, &error))
+        self.execution.initialise().map_err(|error| self.refused_start(function, &error))
     }
 
-    /// Brings what is calculated up to date: in Initialization Mode to what is set at present, in model exchange to
-    /// the present time, states and inputs. In co-simulation it changes with steps only.
+    /// Brings what is calculated up to date: in Initialization Mode to what is set at present, in model exchange and in Event Mode
+    /// to the present time, states and inputs. In co-simulation it changes with steps only.
     ///
     /// # Errors
     /// When nothing can start from what is set.
-    pub(super) fn evaluate(&mut self, function: Function) -> Answer {
-        match (self.phase, self.interface) {
+    pub(crate) fn evaluate(&mut self, function: Function) -> Answer {
+        match (self.phase, self.of.1) {
             (Phase::Initialization, _) => self.compute_start(function),
-            (_, Interface::ModelExchange) => {
+            (Phase::Event, _) | (_, Interface::ModelExchange) => {
                 self.execution.evaluate();
                 Ok(())
             }
@@ -216,6 +254,9 @@ impl Instance {
 
     /// fmi2Terminate
     pub fn terminate(&mut self) {
+        if self.phase == Phase::Event {
+            self.execution.evaluate();
+        }
         self.phase = Phase::Terminated;
     }
 
@@ -227,9 +268,9 @@ impl Instance {
     }
 
     /// The place of a value, and what may be done with it.
-    pub(super) fn place(&self, function: Function, reference: u32, wanted: Type) -> Answer<(usize, Access)> {
+    pub(crate) fn place(&self, function: Function, reference: u32, wanted: Type) -> Answer<(usize, Access)> {
         self.unit.references.find(reference, wanted).map_err(|no_value| {
-            let name = function.name();
+            let name = self.called(function);
             match no_value {
                 NoValue::Unknown => Refused(format!("{name}: there is no variable with value reference {reference}")),
                 NoValue::Other(is) => {
@@ -240,8 +281,12 @@ impl Instance {
         })
     }
 
-    pub(super) fn name(&self, reference: u32) -> String {
-        element(self.execution.model().variables(), reference).map_or(String::new(), |element| element.name())
+    pub(crate) fn name(&self, reference: u32) -> String {
+        if let Some(indicator) = self.unit.references.indicator(reference) {
+            return format!("event_indicators[{}]", indicator + 1);
+        }
+        // Time is the only one that no system declares.
+        element(self.execution.model().variables(), reference).map_or("time".to_owned(), |element| element.name())
     }
 
     /// The items of a choice, with their numbers.
@@ -267,22 +312,33 @@ impl Instance {
             Access::Designed => "a constant, which the unit was designed with: export it anew to change it",
             Access::Calculated { .. } | Access::Hidden => "calculated by the unit and can't be set",
         };
-        Err(Refused(format!("{}: `{}` (value reference {reference}) is {what}", function.name(), self.name(reference))))
+        Err(Refused(format!(
+            "{}: `{}` (value reference {reference}) is {what}",
+            self.called(function),
+            self.name(reference)
+        )))
     }
 
     /// Brings up to date what is read, where any of it is calculated.
-    fn evaluate_for(&mut self, function: Function, is: Type, references: &[u32]) -> Answer {
+    fn evaluate_for(&mut self, function: Function, is: Type, references: impl Iterator<Item = u32>) -> Answer {
         let mut calculated = false;
-        for &reference in references {
+        for reference in references {
             calculated |= matches!(self.place(function, reference, is)?.1, Access::Calculated { .. });
         }
-        if calculated { self.evaluate(function) } else { Ok(()) }
+        match self.phase {
+            _ if !calculated => Ok(()),
+            Phase::Instantiated => {
+                let name = self.called(function);
+                Err(Refused(format!("{name}: what is calculated is known from Initialization Mode on")))
+            }
+            _ => self.evaluate(function),
+        }
     }
 
     /// Answers a question for a value that is no number at the present point. fmi2Discard, since a solver that only
     /// probed may come back with a smaller step; with fmi2Error it would have to give up.
-    pub(super) fn not_finite(&mut self, function: Function, what: &str, value: f64) -> Status {
-        let (name, value, time) = (function.name(), Number(value), Number(self.execution.time()));
+    pub(crate) fn not_finite(&mut self, function: Function, what: &str, value: f64) -> Status {
+        let (name, value, time) = (self.called(function), Number(value), Number(self.execution.time()));
         let cause = self.execution.unsound().map_or(String::new(), |reasons| format!(": {reasons}"));
         self.discard(&format!("{name}: {what} is {value} at t = {time} s, which is no finite number{cause}"))
     }
@@ -296,12 +352,19 @@ impl Instance {
     ///
     /// # Errors
     /// For value references that aren't those of reals.
-    pub fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Answer<Status> {
-        self.evaluate_for(Function::GetReal, Type::Real, references)?;
-        let reals = &self.execution.block().reals;
-        let broken = hand_out(references.iter().map(|&reference| reals[reference as usize]), values);
+    pub fn get_real(&mut self, references: impl Values, values: &mut [f64]) -> Answer<Status> {
+        self.evaluate_for(Function::GetReal, Type::Real, references.clone())?;
+        let own = &self.unit.references;
+        // In Step Mode they are those of the end of the last step, whatever inputs were set since then.
+        if self.phase != Phase::StepComplete && references.clone().any(|one| own.indicator(one).is_some()) {
+            self.execution.find_indicators();
+        }
+        let (reals, indicators) = (&self.execution.block().reals, self.execution.known_indicators());
+        let value = |reference| own.indicator(reference).map_or_else(|| reals[reference as usize], |k| indicators[k]);
+        let broken = hand_out(references.clone().map(value), values);
         Ok(broken.map_or(Status::Ok, |(k, value)| {
-            let what = format!("`{}`", self.name(references[k]));
+            let what =
+                format!("`{}`", references.clone().nth(k).map_or(String::new(), |reference| self.name(reference)));
             self.not_finite(Function::GetReal, &what, value)
         }))
     }
@@ -310,31 +373,38 @@ impl Instance {
     ///
     /// # Errors
     /// For value references or values that can't be set; nothing is changed.
-    pub fn set_real(&mut self, references: &[u32], values: &[f64]) -> Answer {
-        for (&reference, value) in references.iter().zip(values) {
+    pub fn set_real(&mut self, references: impl Values, values: &[f64]) -> Answer {
+        for (reference, value) in references.clone().zip(values) {
             let (_, access) = self.place(Function::SetReal, reference, Type::Real)?;
             self.check_settable(Function::SetReal, reference, access)?;
             if !value.is_finite() {
                 let name = self.name(reference);
-                return Err(Refused(format!("fmi2SetReal: `{name}` = {} must be a finite number", Number(*value))));
+                let function = self.called(Function::SetReal);
+                return Err(Refused(format!("{function}: `{name}` = {} must be a finite number", Number(*value))));
             }
         }
-        for (&reference, &value) in references.iter().zip(values) {
+        for (reference, &value) in references.zip(values) {
             let (place, _) = self.place(Function::SetReal, reference, Type::Real)?;
             self.execution.set_real(place, value);
         }
         Ok(())
     }
 
-    /// fmi2GetInteger, fmi2GetBoolean
+    /// fmi2GetInteger, fmi2GetBoolean: gives each value with its number.
     ///
     /// # Errors
     /// For value references of another type.
-    pub fn get_integer(&mut self, function: Function, is: Type, references: &[u32], values: &mut [i32]) -> Answer {
-        self.evaluate_for(function, is, references)?;
-        for (value, &reference) in values.iter_mut().zip(references) {
+    pub fn get_integer(
+        &mut self,
+        function: Function,
+        is: Type,
+        references: impl Values,
+        mut give: impl FnMut(usize, i32),
+    ) -> Answer {
+        self.evaluate_for(function, is, references.clone())?;
+        for (k, reference) in references.enumerate() {
             let (place, _) = self.place(function, reference, is)?;
-            *value = self.execution.block().integers[place];
+            give(k, self.execution.block().integers[place]);
         }
         Ok(())
     }
@@ -343,19 +413,29 @@ impl Instance {
     ///
     /// # Errors
     /// For value references or values that can't be set; nothing is changed.
-    pub fn set_integer(&mut self, function: Function, is: Type, references: &[u32], values: &[i32]) -> Answer {
-        for (&reference, &value) in references.iter().zip(values) {
+    pub fn set_integer(
+        &mut self,
+        function: Function,
+        is: Type,
+        references: impl Values,
+        values: impl Iterator<Item = i64> + Clone,
+    ) -> Answer {
+        for (reference, value) in references.clone().zip(values.clone()) {
             let (place, access) = self.place(function, reference, is)?;
             self.check_settable(function, reference, access)?;
-            if !self.unit.references.holds(place, value) {
+            if !i32::try_from(value).is_ok_and(|value| self.unit.references.holds(place, value)) {
                 let items = self.items(reference);
                 let name = self.name(reference);
-                return Err(Refused(format!("{}: `{name}` = {value} is no item; there are {items}", function.name())));
+                return Err(Refused(format!(
+                    "{}: `{name}` = {value} is no item; there are {items}",
+                    self.called(function)
+                )));
             }
         }
-        for (&reference, &value) in references.iter().zip(values) {
+        for (reference, value) in references.zip(values) {
             let (place, _) = self.place(function, reference, is)?;
-            let value = if is == Type::Boolean { i32::from(value != 0) } else { value };
+            // What fits was looked at above.
+            let value = if is == Type::Boolean { i32::from(value != 0) } else { value as i32 };
             if self.phase == Phase::ContinuousTime {
                 // Parameters were refused, so this is an input.
                 self.execution.set_integer_input_between_events(place, value);
@@ -368,7 +448,7 @@ impl Instance {
 }
 
 /// Hands out numbers, all of them or, where one isn't finite, none: then its place, and what it is.
-pub(super) fn hand_out(found: impl Iterator<Item = f64> + Clone, values: &mut [f64]) -> Option<(usize, f64)> {
+pub(crate) fn hand_out(found: impl Iterator<Item = f64> + Clone, values: &mut [f64]) -> Option<(usize, f64)> {
     let broken = found.clone().enumerate().find(|(_, number)| !number.is_finite());
     if broken.is_none() {
         values.iter_mut().zip(found).for_each(|(value, number)| *value = number);

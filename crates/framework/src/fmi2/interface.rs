@@ -7,10 +7,10 @@ use std::ffi::{CStr, CString, c_char, c_int};
 use super::access::Type;
 use super::boundary::{array, array_mut, call, null, ok, string};
 use super::build::Library;
-use super::calls::{Answer, Function, Interface, Refused};
+use super::calls::{Answer, Function, Interface, Refused, Standard};
 use super::instance::Instance;
 pub use super::kernel_interface::{has_kernel, kernel_functions, take_kernel};
-use super::logger::{ERROR, Logger};
+use super::logger::{Callback, ERROR, Logger};
 pub use super::model_exchange_interface::{
     completed_integrator_step, enter_continuous_time_mode, enter_event_mode, get_continuous_states, get_derivatives,
     get_event_indicators, get_nominals_of_continuous_states, new_discrete_states, set_continuous_states, set_time,
@@ -46,34 +46,38 @@ pub unsafe fn instantiate(
     // SAFETY: not NULL, and by the standard a valid structure; strings as this function asks of its caller.
     let (callbacks, name, guid, location) =
         unsafe { (*functions, string(instance_name), string(guid), string(resource_location)) };
-    let logger = || Logger::new(callbacks.logger, callbacks.component_environment, name.unwrap_or_default());
-    let made = panics::contain(|| -> Answer<Instance> {
+    let logger =
+        || Logger::new(callbacks.logger.map(Callback::Fmi2), callbacks.component_environment, name.unwrap_or_default());
+    made("fmi2Instantiate", &logger, || -> Answer<Instance> {
         if name.is_none_or(CStr::is_empty) {
-            return Err("fmi2Instantiate: instanceName is NULL or empty".into());
+            return Err("instanceName is NULL or empty".into());
         }
         let interface = match fmu_type {
             MODEL_EXCHANGE => Interface::ModelExchange,
             CO_SIMULATION => Interface::CoSimulation,
             _ => {
                 let kinds = "0 (fmi2ModelExchange) or 1 (fmi2CoSimulation)";
-                return Err(format!("fmi2Instantiate: fmuType = {fmu_type} must be {kinds}").into());
+                return Err(format!("fmuType = {fmu_type} must be {kinds}").into());
             }
         };
-        let guid = guid.ok_or("fmi2Instantiate: fmuGUID is NULL")?.to_string_lossy();
+        let guid = guid.ok_or("fmuGUID is NULL")?.to_string_lossy();
         let location = location.map(CStr::to_bytes);
-        let described = resources::description(location).map_err(|reason| format!("fmi2Instantiate: {reason}"))?;
-        let unit = Shared::of(described, library).map_err(|Refused(reason)| format!("fmi2Instantiate: {reason}"))?;
-        let mut instance = Instance::new(unit, interface, &guid, logger())?;
+        let unit = Shared::of(resources::description(location)?, library)?;
+        let mut instance = Instance::new(unit, (Standard::Fmi2, interface), &guid, logger())?;
         instance.set_debug_logging(logging_on != 0, &[])?;
         Ok(instance)
-    });
-    let reason = match made {
+    })
+}
+
+/// An instance, or NULL and a message why there is none.
+pub(crate) fn made(function: &str, logger: &dyn Fn() -> Logger, make: impl FnOnce() -> Answer<Instance>) -> Component {
+    let reason = match panics::contain(make) {
         Ok(Ok(instance)) => return Box::into_raw(Box::new(instance)).cast(),
         Ok(Err(Refused(reason))) => reason,
-        Err(fault) => format!("fmi2Instantiate: internal fault, please report it: {fault}"),
+        Err(fault) => format!("internal fault, please report it: {fault}"),
     };
     let mut logger = logger();
-    logger.log(Status::Error, ERROR, &reason);
+    logger.log(Status::Error, ERROR, &format!("{function}: {reason}"));
     if let Some(outbox) = logger.outbox() {
         outbox.send();
     }
@@ -99,10 +103,11 @@ pub unsafe fn free_instance(component: Component) {
 pub unsafe fn set_debug_logging(c: Component, on: Boolean, count: usize, categories: *const StringPointer) -> Status {
     call(c, Function::SetDebugLogging, |instance| {
         // SAFETY: as this function asks of its caller.
-        let categories = unsafe { array(categories, count) }.ok_or_else(|| null(Function::SetDebugLogging))?;
+        let categories =
+            unsafe { array(categories, count) }.ok_or_else(|| null(instance, Function::SetDebugLogging))?;
         // SAFETY: likewise.
         let names: Option<Vec<&CStr>> = categories.iter().map(|&category| unsafe { string(category) }).collect();
-        let names = names.ok_or_else(|| null(Function::SetDebugLogging))?;
+        let names = names.ok_or_else(|| null(instance, Function::SetDebugLogging))?;
         // A name that isn't UTF-8 is that of no category; the message shows what can be shown of it.
         let names: Vec<_> = names.into_iter().map(CStr::to_string_lossy).collect();
         ok(instance.set_debug_logging(on != 0, &names.iter().map(AsRef::as_ref).collect::<Vec<_>>()))
@@ -161,8 +166,8 @@ pub unsafe fn get_real(c: Component, references: *const ValueReference, count: u
     call(c, Function::GetReal, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array_mut(values, count)) };
-        let (references, values) = arrays.ok_or_else(|| null(Function::GetReal))?;
-        instance.get_real(references, values)
+        let (references, values) = arrays.ok_or_else(|| null(instance, Function::GetReal))?;
+        instance.get_real(references.iter().copied(), values)
     })
 }
 
@@ -174,8 +179,8 @@ pub unsafe fn set_real(c: Component, references: *const ValueReference, count: u
     call(c, Function::SetReal, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array(values, count)) };
-        let (references, values) = arrays.ok_or_else(|| null(Function::SetReal))?;
-        ok(instance.set_real(references, values))
+        let (references, values) = arrays.ok_or_else(|| null(instance, Function::SetReal))?;
+        ok(instance.set_real(references.iter().copied(), values))
     })
 }
 
@@ -193,8 +198,9 @@ pub unsafe fn get_discrete(
     call(c, function, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array_mut(values, count)) };
-        let (references, values) = arrays.ok_or_else(|| null(function))?;
-        ok(instance.get_integer(function, type_of(function), references, values))
+        let (references, values) = arrays.ok_or_else(|| null(instance, function))?;
+        let references = references.iter().copied();
+        ok(instance.get_integer(function, type_of(function), references, |k, value| values[k] = value))
     })
 }
 
@@ -212,8 +218,9 @@ pub unsafe fn set_discrete(
     call(c, function, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array(values, count)) };
-        let (references, values) = arrays.ok_or_else(|| null(function))?;
-        ok(instance.set_integer(function, type_of(function), references, values))
+        let (references, values) = arrays.ok_or_else(|| null(instance, function))?;
+        let values = values.iter().map(|&value| i64::from(value));
+        ok(instance.set_integer(function, type_of(function), references.iter().copied(), values))
     })
 }
 
@@ -236,7 +243,7 @@ pub fn string_values(c: Component, function: Function, count: usize) -> Status {
 pub unsafe fn get_fmu_state(c: Component, state: *mut FmuState) -> Status {
     call(c, Function::GetFMUstate, |instance| {
         // SAFETY: as this function asks of its caller.
-        let state = unsafe { state.as_mut() }.ok_or_else(|| null(Function::GetFMUstate))?;
+        let state = unsafe { state.as_mut() }.ok_or_else(|| null(instance, Function::GetFMUstate))?;
         *state = instance.get_state(*state as usize)? as FmuState;
         Ok(Status::Ok)
     })
@@ -270,7 +277,7 @@ pub unsafe fn free_fmu_state(c: Component, state: *mut FmuState) -> Status {
 pub unsafe fn serialized_fmu_state_size(c: Component, state: FmuState, size: *mut usize) -> Status {
     call(c, Function::SerializedFMUstateSize, |instance| {
         // SAFETY: as this function asks of its caller.
-        let size = unsafe { size.as_mut() }.ok_or_else(|| null(Function::SerializedFMUstateSize))?;
+        let size = unsafe { size.as_mut() }.ok_or_else(|| null(instance, Function::SerializedFMUstateSize))?;
         *size = instance.serialised_size(state as usize)?;
         Ok(Status::Ok)
     })
@@ -283,10 +290,12 @@ pub unsafe fn serialized_fmu_state_size(c: Component, state: FmuState, size: *mu
 pub unsafe fn serialize_fmu_state(c: Component, state: FmuState, bytes: *mut c_char, size: usize) -> Status {
     call(c, Function::SerializeFMUstate, |instance| {
         // SAFETY: as this function asks of its caller; c_char and u8 have the same layout.
-        let bytes = unsafe { array_mut(bytes.cast::<u8>(), size) }.ok_or_else(|| null(Function::SerializeFMUstate))?;
+        let bytes = unsafe { array_mut(bytes.cast::<u8>(), size) }
+            .ok_or_else(|| null(instance, Function::SerializeFMUstate))?;
         let serialised = instance.serialise(state as usize)?;
         if bytes.len() < serialised.len() {
-            return Err(Refused(format!("fmi2SerializeFMUstate: {size} bytes are given, {} needed", serialised.len())));
+            let name = instance.called(Function::SerializeFMUstate);
+            return Err(Refused(format!("{name}: {size} bytes are given, {} needed", serialised.len())));
         }
         bytes[..serialised.len()].copy_from_slice(&serialised);
         Ok(Status::Ok)
@@ -301,7 +310,7 @@ pub unsafe fn deserialize_fmu_state(c: Component, bytes: *const c_char, size: us
     call(c, Function::DeSerializeFMUstate, |instance| {
         // SAFETY: as this function asks of its caller; c_char and u8 have the same layout.
         let (bytes, state) = unsafe { array(bytes.cast::<u8>(), size).zip(state.as_mut()) }
-            .ok_or_else(|| null(Function::DeSerializeFMUstate))?;
+            .ok_or_else(|| null(instance, Function::DeSerializeFMUstate))?;
         *state = instance.deserialise(bytes)? as FmuState;
         Ok(Status::Ok)
     })
@@ -325,7 +334,7 @@ pub unsafe fn get_directional_derivative(
             (of, array(knowns, known_count).zip(array(seed, known_count)))
         };
         let ((unknowns, result), (knowns, seed)) =
-            of.zip(by).ok_or_else(|| null(Function::GetDirectionalDerivative))?;
+            of.zip(by).ok_or_else(|| null(instance, Function::GetDirectionalDerivative))?;
         instance.get_directional_derivative(unknowns, knowns, seed, result)
     })
 }
@@ -344,7 +353,7 @@ pub unsafe fn set_real_input_derivatives(
     call(c, Function::SetRealInputDerivatives, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array(orders, count)).zip(array(values, count)) };
-        let ((references, orders), values) = arrays.ok_or_else(|| null(Function::SetRealInputDerivatives))?;
+        let ((references, orders), values) = arrays.ok_or_else(|| null(instance, Function::SetRealInputDerivatives))?;
         ok(instance.set_input_derivatives(references, orders, values))
     })
 }
@@ -363,7 +372,8 @@ pub unsafe fn get_real_output_derivatives(
     call(c, Function::GetRealOutputDerivatives, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array(orders, count)).zip(array_mut(values, count)) };
-        let ((references, orders), values) = arrays.ok_or_else(|| null(Function::GetRealOutputDerivatives))?;
+        let ((references, orders), values) =
+            arrays.ok_or_else(|| null(instance, Function::GetRealOutputDerivatives))?;
         instance.get_output_derivatives(references, orders, values)
     })
 }

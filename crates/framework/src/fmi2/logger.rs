@@ -4,7 +4,7 @@ use std::ffi::{CStr, CString, c_void};
 use std::sync::Arc;
 
 use super::floating_point;
-use super::types::{LoggerFunction, Status};
+use super::types::{LogMessage, LoggerFunction, Status};
 use crate::error::one_line;
 use crate::model::Model;
 
@@ -35,6 +35,15 @@ pub fn categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static
     categories.into_iter()
 }
 
+/// The master's function for messages.
+#[derive(Debug, Clone, Copy)]
+pub enum Callback {
+    /// FMI 2.0: the text is a format of printf.
+    Fmi2(LoggerFunction),
+    /// FMI 3.0
+    Fmi3(LogMessage),
+}
+
 /// Where an instance's messages go. Errors and warnings are always logged; a master that asked for no logging
 /// would else see a bare status.
 ///
@@ -42,7 +51,7 @@ pub fn categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static
 /// instance again, and may throw an exception, which finds nothing half done.
 #[derive(Debug)]
 pub struct Logger {
-    function: Option<LoggerFunction>,
+    function: Option<Callback>,
     environment: *mut c_void,
     instance: Arc<CStr>,
     /// Categories in which debug messages are wanted.
@@ -64,13 +73,21 @@ unsafe impl Send for Logger {}
 
 impl Logger {
     /// The logger of an instance.
-    pub fn new(function: Option<LoggerFunction>, environment: *mut c_void, instance: &CStr) -> Self {
+    pub fn new(function: Option<Callback>, environment: *mut c_void, instance: &CStr) -> Self {
         Logger { function, environment, instance: instance.into(), enabled: Vec::new(), waiting: Vec::new() }
     }
 
     /// Chooses the categories in which debug messages are wanted.
     pub fn enable(&mut self, categories: Vec<String>) {
         self.enabled = categories;
+    }
+
+    /// Turns categories on or off; others stay as they are.
+    pub fn switch(&mut self, categories: &[&str], on: bool) {
+        self.enabled.retain(|enabled| !categories.contains(&enabled.as_str()));
+        if on {
+            self.enabled.extend(categories.iter().map(|category| (*category).to_owned()));
+        }
     }
 
     /// True if debug messages of a category are wanted.
@@ -80,13 +97,16 @@ impl Logger {
 
     /// Leaves one message to be sent.
     pub fn log(&mut self, status: Status, category: &str, text: &str) {
-        if self.function.is_none() {
-            return;
-        }
-        // By the standard the text is a format of printf, so a percent sign is written as two; and it is one line,
-        // whatever a text of the master's holds that it repeats.
-        let text = c_string(&one_line(text).replace('%', "%%"));
-        self.waiting.push(Message { status, category: c_string(category), text });
+        // One line, whatever a text of the master's holds that it repeats.
+        let text = match self.function {
+            None => return,
+            // By the standard the text is a format of printf, so a percent sign is written as two.
+            Some(Callback::Fmi2(_)) => one_line(text).replace('%', "%%"),
+            // Only errors are sent to a master that asked for no messages.
+            Some(Callback::Fmi3(_)) if status != Status::Error && !self.is_enabled(category) => return,
+            Some(Callback::Fmi3(_)) => one_line(text),
+        };
+        self.waiting.push(Message { status, category: c_string(category), text: c_string(&text) });
     }
 
     /// Takes out what waits to be sent, if anything.
@@ -106,7 +126,7 @@ impl Logger {
 /// The messages of one call, apart from the instance: its master may do with that what it likes while they are sent.
 #[derive(Debug)]
 pub struct Outbox {
-    function: LoggerFunction,
+    function: Callback,
     environment: *mut c_void,
     instance: Arc<CStr>,
     messages: Vec<Message>,
@@ -119,10 +139,14 @@ impl Outbox {
     pub fn send(self) {
         for Message { status, category, text } in &self.messages {
             let (name, category, text) = (self.instance.as_ptr(), category.as_ptr(), text.as_ptr());
-            // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
-            // signature; all strings live until it returns; the text holds no conversion but `%%`, so no variadic
-            // argument is read.
-            floating_point::as_the_host(|| unsafe { (self.function)(self.environment, name, *status, category, text) });
+            floating_point::as_the_host(|| match self.function {
+                // SAFETY: the function pointer came from the master in fmi2CallbackFunctions and has the standard's
+                // signature; all strings live until it returns; the text holds no conversion but `%%`, so no variadic
+                // argument is read.
+                Callback::Fmi2(function) => unsafe { function(self.environment, name, *status, category, text) },
+                // SAFETY: likewise, from fmi3InstantiateModelExchange or fmi3InstantiateCoSimulation.
+                Callback::Fmi3(function) => unsafe { function(self.environment, *status, category, text) },
+            });
         }
     }
 }

@@ -1,17 +1,19 @@
-//! The FMI 2.0 boundary: everything that the standard asks of a unit, for any system.
+//! The boundary of FMI 2.0 and, in [`fmi3`], of FMI 3.0: everything that the standards ask of a unit, for any system.
 //!
 //! [`calls`] says which function may be called when, [`instance`] is what the functions do, in safe Rust,
 //! [`interface`] is the C side of it, and [`model_description`] writes the XML. None of them knows a model.
 
 pub mod access;
 #[allow(unsafe_code)]
-mod boundary;
+pub(crate) mod boundary;
 pub mod build;
 pub mod calls;
 mod derivatives;
 pub mod describe;
 pub mod firmware;
 pub mod floating_point;
+#[macro_use]
+pub mod fmi3;
 pub mod instance;
 #[allow(unsafe_code)]
 pub mod interface;

@@ -19,13 +19,14 @@ pub const DESIGNED: &str = " (designed at export)";
 /// The file of a source unit that is compiled; it includes all others.
 pub const SOURCE: &str = "all.c";
 
-type Xml = Writer<Vec<u8>>;
-type Attributes<'a> = Vec<(&'a str, String)>;
+pub(super) type Xml = Writer<Vec<u8>>;
+pub(super) type Attributes<'a> = Vec<(&'a str, String)>;
 
 /// The GUID of a model: a name-based UUID of its description and of all that its system declares, which is what the XML
 /// tells of it. So the same unit always has the same GUID, and another one another.
 pub fn guid(model: &Model) -> [u8; 16] {
-    let Description { name, model: system, description, experiment, structure, designed, .. } = model.description();
+    let Description { name, model: system, description, experiment, structure, designed, fmi, .. } =
+        model.description();
     let about: Vec<_> = model.description().about().collect();
     let own = (name, system, description, experiment, structure, about);
     // Not the XML itself: an instance checks its GUID when it is made, and the XML of a large unit takes milliseconds.
@@ -34,6 +35,8 @@ pub fn guid(model: &Model) -> [u8; 16] {
         // A unit with sources is another one than that without, even if its variables are the same.
         Some(_) => serde_json::to_vec(&(own, SOURCE, model.variables().declared())),
     };
+    // In FMI 3.0 its variables have other names and value references.
+    let identity = identity.map(|bytes| if *fmi == Some(3) { [b"3.0", &bytes[..]].concat() } else { bytes });
     // Numbers and texts in lists and tables can be written to memory.
     debug_assert!(identity.is_ok());
     Uuid::new_v5(&Uuid::NAMESPACE_OID, &identity.unwrap_or_default()).into_bytes()
@@ -55,7 +58,7 @@ pub fn xml(model: &Model) -> String {
     text
 }
 
-fn element(
+pub(super) fn element(
     xml: &mut Xml,
     name: &str,
     attributes: Attributes,
@@ -66,13 +69,13 @@ fn element(
     Ok(())
 }
 
-fn empty(xml: &mut Xml, name: &str, attributes: Attributes) -> io::Result<()> {
+pub(super) fn empty(xml: &mut Xml, name: &str, attributes: Attributes) -> io::Result<()> {
     let start = xml.create_element(name).with_attributes(attributes.iter().map(|(key, value)| (*key, value.as_str())));
     start.write_empty()?;
     Ok(())
 }
 
-fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     // As people write large numbers: 1e15.
     if value.is_finite() && value.abs() >= 1e9 { format!("{value:e}") } else { format!("{value:?}") }
 }
@@ -118,7 +121,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
 
 /// The error that a unit tolerates by itself; a unit without states tolerates none, and masters ask for a number all the
 /// same.
-fn tolerance(variables: &Variables) -> f64 {
+pub(super) fn tolerance(variables: &Variables) -> f64 {
     variables.find("relative_tolerance").map_or(1e-6, |element| element.start())
 }
 
@@ -175,7 +178,7 @@ fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
 }
 
 /// The attributes of a BaseUnit that aren't what they are by default.
-fn base_unit(base: &Base) -> Attributes<'static> {
+pub(super) fn base_unit(base: &Base) -> Attributes<'static> {
     let exponents = BASE_UNITS.into_iter().zip(base.exponents).filter(|(_, n)| *n != 0);
     let mut attributes: Attributes = exponents.map(|(base, n)| (base, n.to_string())).collect();
     attributes.extend((base.factor != 1.0).then(|| ("factor", number(base.factor))));

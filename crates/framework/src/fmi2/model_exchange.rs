@@ -27,7 +27,7 @@ impl Instance {
             if !matches!(error, StepError::Parameters(_)) {
                 self.phase = Phase::Error;
             }
-            Refused(format!("fmi2NewDiscreteStates at t = {} s: {error}", Number(time)))
+            Refused(format!("{} at t = {} s: {error}", self.called(Function::NewDiscreteStates), Number(time)))
         })?;
         self.log_taken_over(update.parameters_taken_over, time);
         Ok(EventInfo {
@@ -46,13 +46,19 @@ impl Instance {
     /// # Errors
     /// While parameters wait to be taken over.
     pub fn enter_continuous_time_mode(&mut self) -> Answer {
+        self.end_event(Function::EnterContinuousTimeMode, Phase::ContinuousTime)
+    }
+
+    pub(crate) fn end_event(&mut self, function: Function, next: Phase) -> Answer {
         if self.execution.parameters_wait() {
-            return Err(
-                "fmi2EnterContinuousTimeMode: parameters were set; fmi2NewDiscreteStates takes them over first".into(),
-            );
+            let [enter, update] = [function, Function::NewDiscreteStates].map(|function| self.called(function));
+            return Err(Refused(format!("{enter}: parameters were set; {update} takes them over first")));
         }
         self.execution.end_event();
-        self.phase = Phase::ContinuousTime;
+        if next == Phase::StepComplete {
+            self.execution.begin_step_mode();
+        }
+        self.phase = next;
         Ok(())
     }
 
@@ -61,13 +67,14 @@ impl Instance {
     /// # Errors
     /// When a value has grown beyond any use or is no number, which leaves the instance in error, or beyond the stop time.
     pub fn completed_integrator_step(&mut self) -> Answer<bool> {
-        let (name, time) = (Function::CompletedIntegratorStep.name(), self.execution.time());
+        let (name, time) = (self.called(Function::CompletedIntegratorStep), self.execution.time());
         let slack = COMMUNICATION_POINT_SLACK * (time - self.execution.completed()).abs();
         if let Some(stop) = self.stop_time.filter(|stop| time > stop + slack) {
             return Err(Refused(format!(
-                "{name}: t = {} s is beyond stopTime = {} s, which fmi2SetupExperiment was given",
+                "{name}: t = {} s is beyond stopTime = {} s, which {} was given",
                 Number(time),
-                Number(stop)
+                Number(stop),
+                self.called(Function::SetupExperiment)
             )));
         }
         self.execution.complete_step().map_err(|error| {
@@ -82,7 +89,8 @@ impl Instance {
     /// When it isn't finite.
     pub fn set_time(&mut self, time: f64) -> Answer {
         if !time.is_finite() {
-            return Err(Refused(format!("fmi2SetTime: time = {} must be a finite number", Number(time))));
+            let name = self.called(Function::SetTime);
+            return Err(Refused(format!("{name}: time = {} must be a finite number", Number(time))));
         }
         self.execution.set_time(time);
         Ok(())
@@ -97,7 +105,11 @@ impl Instance {
         self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
         if let Some(place) = states.iter().position(|state| !state.is_finite()) {
             let (name, value) = (self.real_name(Section::State, place), states[place]);
-            return Err(Refused(format!("{}: `{name}` = {} must be a finite number", function.name(), Number(value))));
+            return Err(Refused(format!(
+                "{}: `{name}` = {} must be a finite number",
+                self.called(function),
+                Number(value)
+            )));
         }
         self.execution.set_states(states);
         Ok(())
@@ -139,6 +151,7 @@ impl Instance {
     pub fn get_derivatives(&mut self, derivatives: &mut [f64]) -> Answer<Status> {
         let function = Function::GetDerivatives;
         self.check_count(function, derivatives.len(), self.execution.states().len(), "continuous states")?;
+        self.evaluate(function)?;
         let broken = hand_out(self.execution.derivatives().iter().copied(), derivatives);
         Ok(broken.map_or(Status::Ok, |(place, value)| {
             let what = format!("`{}`", self.real_name(Section::Derivative, place));
@@ -165,7 +178,7 @@ impl Instance {
         if given == expected {
             return Ok(());
         }
-        Err(Refused(format!("{}: {given} {what}; this unit has {expected}", function.name())))
+        Err(Refused(format!("{}: {given} {what}; this unit has {expected}", self.called(function))))
     }
 
     fn real_name(&self, section: Section, place: usize) -> String {

@@ -21,7 +21,7 @@ pub fn enter_event_mode(c: Component) -> Status {
 pub unsafe fn new_discrete_states(c: Component, info: *mut EventInfo) -> Status {
     call(c, Function::NewDiscreteStates, |instance| {
         // SAFETY: as this function asks of its caller.
-        let info = unsafe { info.as_mut() }.ok_or_else(|| null(Function::NewDiscreteStates))?;
+        let info = unsafe { info.as_mut() }.ok_or_else(|| null(instance, Function::NewDiscreteStates))?;
         *info = instance.new_discrete_states()?;
         Ok(Status::Ok)
     })
@@ -44,7 +44,7 @@ pub unsafe fn completed_integrator_step(
     call(c, Function::CompletedIntegratorStep, |instance| {
         // SAFETY: as this function asks of its caller.
         let (enter, terminate) = unsafe { enter_event_mode.as_mut().zip(terminate_simulation.as_mut()) }
-            .ok_or_else(|| null(Function::CompletedIntegratorStep))?;
+            .ok_or_else(|| null(instance, Function::CompletedIntegratorStep))?;
         (*enter, *terminate) = (Boolean::from(instance.completed_integrator_step()?), FALSE);
         Ok(Status::Ok)
     })
@@ -62,7 +62,7 @@ pub fn set_time(c: Component, time: f64) -> Status {
 pub unsafe fn set_continuous_states(c: Component, states: *const f64, count: usize) -> Status {
     call(c, Function::SetContinuousStates, |instance| {
         // SAFETY: as this function asks of its caller.
-        let states = unsafe { array(states, count) }.ok_or_else(|| null(Function::SetContinuousStates))?;
+        let states = unsafe { array(states, count) }.ok_or_else(|| null(instance, Function::SetContinuousStates))?;
         ok(instance.set_continuous_states(states))
     })
 }
@@ -80,7 +80,7 @@ unsafe fn get(
 ) -> Status {
     call(c, function, |instance| {
         // SAFETY: as this function asks of its caller.
-        let values = unsafe { array_mut(values, count) }.ok_or_else(|| null(function))?;
+        let values = unsafe { array_mut(values, count) }.ok_or_else(|| null(instance, function))?;
         body(instance, values)
     })
 }

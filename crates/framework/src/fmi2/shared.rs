@@ -9,7 +9,7 @@ use crate::system::Registry;
 
 use super::access::References;
 use super::build::Library;
-use super::calls::{Answer, Refused};
+use super::calls::{Answer, Refused, Standard};
 use super::model_description;
 
 /// A unit without its values.
@@ -62,7 +62,11 @@ impl Shared {
         let refuse = |reason| Refused(format!("{}: {reason}", file.display()));
         let description = Description::read(&text).map_err(refuse)?;
         let model = Model::from_description(description, library.registry).map_err(refuse)?;
-        let (references, guid) = (References::new(model.variables()), model_description::guid(&model));
+        let references = match model.description().standard() {
+            Standard::Fmi2 => References::new(model.variables()),
+            Standard::Fmi3 => super::fmi3::arrays::references(&model),
+        };
+        let guid = model_description::guid(&model);
         let unit = Arc::new(Shared { model: Arc::new(model), references, guid, source: library.source });
         let known = Known { description: text, registry: library.registry, unit: Arc::downgrade(&unit) };
         // What goes for it is dropped when this function no longer holds the units.

@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use crate::model::{Block, Model};
 
-use super::calls::{Interface, Phase};
+use super::calls::{Interface, Phase, Standard};
 
 /// Everything that a continuation depends on.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,7 +58,7 @@ pub fn serialise(snapshot: &Snapshot, identity: [u8; 16]) -> Vec<u8> {
 /// Why these bytes are no state of such an instance.
 pub fn deserialise(
     bytes: &[u8],
-    (identity, interface): ([u8; 16], Interface),
+    (identity, of): ([u8; 16], (Standard, Interface)),
     model: &Model,
 ) -> Result<Snapshot, String> {
     let like = model.start();
@@ -87,7 +87,7 @@ pub fn deserialise(
         return Err("a state of another unit, of another version of this one, or of its other interface".to_owned());
     }
     let phase = take(1)[0];
-    let phase = Phase::ALL.get(phase as usize).filter(|phase| phase.is_of(interface)).copied();
+    let phase = Phase::ALL.get(phase as usize).filter(|phase| phase.is_of(of)).copied();
     let phase = phase.ok_or("corrupted: no such phase")?;
     let has_stop_time = take(1)[0];
     let stop_time = f64_of(take(8));

@@ -1,6 +1,6 @@
 //! Saving, restoring and serialising an instance.
 
-use super::calls::{Answer, Refused};
+use super::calls::{Answer, Function, Refused};
 use super::instance::Instance;
 use super::snapshot::{self, Snapshot};
 
@@ -14,11 +14,12 @@ impl Instance {
     /// # Errors
     /// When there is no such slot.
     pub fn get_state(&mut self, name: usize) -> Answer<usize> {
+        let function = self.called(Function::GetFMUstate);
         let snapshot = self.snapshot();
         if name == 0 {
-            return self.slots.save(snapshot).map_err(|reason| Refused(format!("fmi2GetFMUstate: {reason}")));
+            return self.slots.save(snapshot).map_err(|reason| Refused(format!("{function}: {reason}")));
         }
-        *self.slots.find(name).ok_or_else(|| unknown_state("fmi2GetFMUstate"))? = snapshot;
+        *self.slots.find(name).ok_or_else(|| unknown_state(function))? = snapshot;
         Ok(name)
     }
 
@@ -27,7 +28,8 @@ impl Instance {
     /// # Errors
     /// When there is no such state.
     pub fn set_state(&mut self, name: usize) -> Answer {
-        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SetFMUstate"))?;
+        let function = self.called(Function::SetFMUstate);
+        let saved = self.slots.find(name).ok_or_else(|| unknown_state(function))?;
         self.execution.block_mut().copy_from(&saved.block);
         self.phase = saved.phase;
         self.stop_time = saved.stop_time;
@@ -40,7 +42,8 @@ impl Instance {
     /// # Errors
     /// When there is no such state.
     pub fn free_state(&mut self, name: usize) -> Answer {
-        if self.slots.free(name) { Ok(()) } else { Err(unknown_state("fmi2FreeFMUstate")) }
+        let function = self.called(Function::FreeFMUstate);
+        if self.slots.free(name) { Ok(()) } else { Err(unknown_state(function)) }
     }
 
     /// fmi2SerializedFMUstateSize
@@ -48,7 +51,8 @@ impl Instance {
     /// # Errors
     /// When there is no such state.
     pub fn serialised_size(&mut self, name: usize) -> Answer<usize> {
-        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializedFMUstateSize"))?;
+        let function = self.called(Function::SerializedFMUstateSize);
+        let saved = self.slots.find(name).ok_or_else(|| unknown_state(function))?;
         Ok(snapshot::serialised_size(&saved.block))
     }
 
@@ -57,8 +61,8 @@ impl Instance {
     /// # Errors
     /// When there is no such state.
     pub fn serialise(&mut self, name: usize) -> Answer<Vec<u8>> {
-        let identity = self.identity;
-        let saved = self.slots.find(name).ok_or_else(|| unknown_state("fmi2SerializeFMUstate"))?;
+        let (identity, function) = (self.identity, self.called(Function::SerializeFMUstate));
+        let saved = self.slots.find(name).ok_or_else(|| unknown_state(function))?;
         Ok(snapshot::serialise(saved, identity))
     }
 
@@ -67,9 +71,10 @@ impl Instance {
     /// # Errors
     /// When the bytes are no state of this unit.
     pub fn deserialise(&mut self, bytes: &[u8]) -> Answer<usize> {
-        let refuse = |reason: String| Refused(format!("fmi2DeSerializeFMUstate: {reason}"));
+        let function = self.called(Function::DeSerializeFMUstate);
+        let refuse = |reason: String| Refused(format!("{function}: {reason}"));
         let snapshot =
-            snapshot::deserialise(bytes, (self.identity, self.interface), self.execution.model()).map_err(refuse)?;
+            snapshot::deserialise(bytes, (self.identity, self.of), self.execution.model()).map_err(refuse)?;
         self.slots.save(snapshot).map_err(refuse)
     }
 }

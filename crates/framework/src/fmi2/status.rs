@@ -18,7 +18,7 @@ pub fn get_status(c: Component) -> Status {
 pub unsafe fn get_real_status(c: Component, kind: c_int, value: *mut f64) -> Status {
     call(c, Function::GetRealStatus, |instance| {
         // SAFETY: as this function asks of its caller.
-        let value = unsafe { value.as_mut() }.ok_or_else(|| null(Function::GetRealStatus))?;
+        let value = unsafe { value.as_mut() }.ok_or_else(|| null(instance, Function::GetRealStatus))?;
         if kind != status_kind::LAST_SUCCESSFUL_TIME {
             return Ok(Status::Discard);
         }
@@ -36,9 +36,9 @@ pub fn get_integer_status(c: Component) -> Status {
 /// # Safety
 /// `value` is NULL or that of a Boolean.
 pub unsafe fn get_boolean_status(c: Component, kind: c_int, value: *mut Boolean) -> Status {
-    call(c, Function::GetBooleanStatus, |_| {
+    call(c, Function::GetBooleanStatus, |instance| {
         // SAFETY: as this function asks of its caller.
-        let value = unsafe { value.as_mut() }.ok_or_else(|| null(Function::GetBooleanStatus))?;
+        let value = unsafe { value.as_mut() }.ok_or_else(|| null(instance, Function::GetBooleanStatus))?;
         if kind != status_kind::TERMINATED {
             return Ok(Status::Discard);
         }

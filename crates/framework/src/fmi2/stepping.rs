@@ -3,8 +3,7 @@
 use crate::error::{Number, StepError};
 use crate::execution::OnStepFailure;
 
-use super::calls::{Answer, Refused};
-use super::calls::{Function, Phase};
+use super::calls::{Answer, Function, Phase, Refused, Standard};
 use super::instance::{Instance, hand_out};
 use super::logger::{EVENTS, WARNING};
 use super::types::Status;
@@ -22,6 +21,11 @@ impl Instance {
     /// When the step is refused (nothing changed), or can't be finished (values as before, and the instance in error).
     pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
         self.check_step(point, step)?;
+        self.take_step(point, step)
+    }
+
+    /// A step that was checked, or a part of one.
+    pub(super) fn take_step(&mut self, point: f64, step: f64) -> Answer<Status> {
         self.log_adopted(point, step);
         match self.execution.step(point, step) {
             Ok(taken_over) => {
@@ -47,7 +51,8 @@ impl Instance {
     }
 
     fn failed_step(&mut self, error: StepError, point: f64, step: f64) -> Answer<Status> {
-        let reason = format!("fmi2DoStep from t = {} s by {} s: {error}", Number(point), Number(step));
+        let name = self.called(Function::DoStep);
+        let reason = format!("{name} from t = {} s by {} s: {error}", Number(point), Number(step));
         match error {
             // As with any refused argument, the instance can go on.
             StepError::Parameters(_) => Err(Refused(reason)),
@@ -57,7 +62,8 @@ impl Instance {
                 Err(Refused(reason))
             }
             _ if self.execution.on_step_failure() == OnStepFailure::Discard => {
-                self.phase = Phase::StepFailed;
+                // In FMI 3.0 it can go on as if the step had not been asked for.
+                self.phase = if self.of.0 == Standard::Fmi3 { Phase::StepComplete } else { Phase::StepFailed };
                 Ok(self.discard(&reason))
             }
             _ => {
@@ -74,18 +80,19 @@ impl Instance {
             return;
         }
         self.points_differ = true;
-        let (point, time) = (Number(point), Number(time));
+        let (name, point, time) = (self.called(Function::DoStep), Number(point), Number(time));
         let text = format!(
-            "fmi2DoStep: currentCommunicationPoint = {point} s, but the instance stands at t = {time} s. Up to 0.001 of the \
+            "{name}: currentCommunicationPoint = {point} s, but the instance stands at t = {time} s. Up to 0.001 of the \
              step the given point is taken, here and in later steps"
         );
         self.logger.log(Status::Warning, WARNING, &text);
     }
 
-    fn check_step(&self, point: f64, step: f64) -> Answer {
+    pub(super) fn check_step(&self, point: f64, step: f64) -> Answer {
+        let name = self.called(Function::DoStep);
         if !(step.is_finite() && step > 0.0) {
             return Err(Refused(format!(
-                "fmi2DoStep: communicationStepSize = {} must be finite and above 0",
+                "{name}: communicationStepSize = {} must be finite and above 0",
                 Number(step)
             )));
         }
@@ -93,7 +100,7 @@ impl Instance {
         let slack = point_slack(COMMUNICATION_POINT_SLACK, step, time);
         if !(point.is_finite() && (point - time).abs() <= slack) {
             return Err(Refused(format!(
-                "fmi2DoStep: currentCommunicationPoint = {} s, but the instance stands at t = {} s: give that point, to \
+                "{name}: currentCommunicationPoint = {} s, but the instance stands at t = {} s: give that point, to \
                  within 0.001 of communicationStepSize = {} s",
                 Number(point),
                 Number(time),
@@ -103,7 +110,7 @@ impl Instance {
         let last = time - self.execution.last_step();
         if last < time && point < last - point_slack(0.0, step, time) {
             return Err(Refused(format!(
-                "fmi2DoStep: currentCommunicationPoint = {} s is before that of the last step, {} s; the instance stands at \
+                "{name}: currentCommunicationPoint = {} s is before that of the last step, {} s; the instance stands at \
                  t = {} s: give that point",
                 Number(point),
                 Number(last),
@@ -112,17 +119,18 @@ impl Instance {
         }
         if point + step <= point {
             return Err(Refused(format!(
-                "fmi2DoStep: communicationStepSize = {} is too small to change t = {} s",
+                "{name}: communicationStepSize = {} is too small to change t = {} s",
                 Number(step),
                 Number(point)
             )));
         }
         match self.stop_time {
             Some(stop) if point + step > stop + slack => Err(Refused(format!(
-                "fmi2DoStep: {} s + {} s goes beyond stopTime = {} s, which fmi2SetupExperiment was given",
+                "{name}: {} s + {} s goes beyond stopTime = {} s, which {} was given",
                 Number(point),
                 Number(step),
-                Number(stop)
+                Number(stop),
+                self.called(Function::SetupExperiment)
             ))),
             _ => Ok(()),
         }

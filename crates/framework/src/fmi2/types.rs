@@ -20,7 +20,7 @@ pub const TRUE: Boolean = 1;
 /// `fmi2False`
 pub const FALSE: Boolean = 0;
 
-/// `fmi2Status`. `fmi2Fatal` and `fmi2Pending` are never returned.
+/// `fmi2Status` and `fmi3Status`. `fmi2Fatal`, `fmi2Pending` and `fmi3Fatal` are never returned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C)]
 pub enum Status {
@@ -56,6 +56,9 @@ pub mod status_kind {
 /// `fmi2CallbackLogger`, which may throw an exception.
 pub type LoggerFunction =
     unsafe extern "C-unwind" fn(*mut c_void, StringPointer, Status, StringPointer, StringPointer, ...);
+
+/// `fmi3LogMessageCallback`, which may throw an exception.
+pub type LogMessage = unsafe extern "C-unwind" fn(*mut c_void, Status, StringPointer, StringPointer);
 
 /// `fmi2CallbackFunctions`. The memory callbacks are never called (`canNotUseMemoryManagementFunctions`).
 #[derive(Debug, Clone, Copy)]

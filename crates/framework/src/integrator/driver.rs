@@ -166,7 +166,8 @@ impl Driver {
                 return Err(self.overworked(problem, t, t1 - t0, (events.total(), substeps), pace));
             }
             check_divergence(problem, t, settings.divergence_limit)?;
-            if state_event || events.time_event_due(problem, t, t1) {
+            let is_left = settings.leaves_end && t >= t1 && !state_event;
+            if !is_left && (state_event || events.time_event_due(problem, t, t1)) {
                 self.handle_events(problem, (t, t1), &mut events, state_event)?;
                 if t < t1 {
                     self.sides_of_zeros(problem, t, t1, settings);

@@ -35,11 +35,6 @@ impl EventCount {
         EventCount::near(t0, settings.event_slack * (t1 - t0), settings)
     }
 
-    /// For the events at t, in model exchange.
-    fn at(t: f64, settings: &Settings) -> Self {
-        EventCount::near(t, rounding(t), settings)
-    }
-
     /// For the events at t, and time events that lie at most so far behind it.
     pub fn near(t: f64, slack: f64, settings: &Settings) -> Self {
         EventCount { slack, limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
@@ -131,12 +126,17 @@ impl Driver {
     }
 
     /// Handles the events at t: of indicators that changed sides since they were last known, and time events that are
-    /// due. The problem then stands evaluated. Whether there were any.
+    /// due, or lie so little behind it. The problem then stands evaluated. Whether there were any.
     ///
     /// # Errors
     /// When they don't end.
-    pub fn events_at(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<bool, StepError> {
-        let mut events = EventCount::at(t, settings);
+    pub fn events_at(
+        &mut self,
+        problem: &mut Problem,
+        (t, slack): (f64, f64),
+        settings: &Settings,
+    ) -> Result<bool, StepError> {
+        let mut events = EventCount::near(t, slack.max(rounding(t)), settings);
         let any = self.jumped(problem, t) || events.time_event_due(problem, t, t);
         if any {
             self.handle_events(problem, (t, t), &mut events, true)?;
@@ -174,7 +174,7 @@ impl Driver {
     pub fn settle(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<(), StepError> {
         // Nothing was known before, so nothing has crossed.
         self.indicators.kept.fill(0.0);
-        self.events_at(problem, t, settings).map(|_| ())
+        self.events_at(problem, (t, 0.0), settings).map(|_| ())
     }
 
     /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length

@@ -89,7 +89,8 @@ impl Driver {
     ) -> Result<(), StepError> {
         let mut events = EventCount::near(end, settings.event_slack * h, settings);
         let crossed = self.crossed(problem, end);
-        if crossed || events.time_event_due(problem, end, end) {
+        let is_left = settings.leaves_end && end >= t1 && !crossed;
+        if !is_left && (crossed || events.time_event_due(problem, end, end)) {
             self.handle_events(problem, (end, end), &mut events, crossed)?;
             if end < t1 {
                 self.sides_of_zeros(problem, end, t1, settings);

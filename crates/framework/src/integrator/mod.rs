@@ -101,6 +101,8 @@ pub struct Settings {
     pub max_events: usize,
     /// A value beyond this, in magnitude, is divergence.
     pub divergence_limit: f64,
+    /// True if events at the end of a communication step are left to the master.
+    pub leaves_end: bool,
     /// A time event is taken at the end of a communication step if it lies at most this much of the step behind
     /// it: masters add up their communication points, and rounding must not move an event by a whole step.
     pub event_slack: f64,
@@ -115,6 +117,7 @@ impl Default for Settings {
             most_work: WORK_LIMIT,
             max_events: 10_000,
             divergence_limit: 1e12,
+            leaves_end: false,
             event_slack: 1e-6,
         }
     }

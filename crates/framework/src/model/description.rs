@@ -7,6 +7,26 @@ use crate::near;
 use crate::nominal::NominalPlant;
 use crate::system::{Names, Word, Words};
 
+/// Versions of the standard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Standard {
+    /// FMI 2.0
+    #[default]
+    Fmi2,
+    /// FMI 3.0
+    Fmi3,
+}
+
+impl Standard {
+    /// As modelDescription.xml has it.
+    pub fn version(self) -> &'static str {
+        match self {
+            Standard::Fmi2 => "2.0",
+            Standard::Fmi3 => "3.0",
+        }
+    }
+}
+
 /// The description of an FMU, as a person writes it (`modelDescription/NAME.toml`).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -52,6 +72,9 @@ pub struct Description {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "NominalPlant"))]
     pub nominal: Option<NominalPlant>,
+    /// Version of the standard, 2 or 3, where the unit isn't of FMI 2.0. Written by an export.
+    #[serde(default)]
+    pub fmi: Option<u8>,
     /// Parameters that are constants of this unit: those that its design was computed from. Written by an export with sources.
     #[serde(default)]
     pub designed: Option<Vec<String>>,
@@ -107,6 +130,11 @@ impl Default for Experiment {
 }
 
 impl Description {
+    /// The version of the standard that its unit is of.
+    pub fn standard(&self) -> Standard {
+        if self.fmi == Some(3) { Standard::Fmi3 } else { Standard::Fmi2 }
+    }
+
     /// Reads a description.
     ///
     /// # Errors
@@ -129,6 +157,9 @@ impl Description {
         if !starts_well || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') || name.len() > 100 {
             let allowed = "must be a C identifier of at most 100 characters (letters, digits, _)";
             invalid.and(Invalid::new("name", format!("`{}`", name.escape_debug()), allowed));
+        }
+        if let Some(version) = description.fmi.filter(|version| ![2, 3].contains(version)) {
+            invalid.and(Invalid::new("fmi", version, "must be 2 or 3"));
         }
         let Experiment { stop_time, step } = description.experiment;
         for (key, value) in [("experiment.stop_time", stop_time), ("experiment.step", step)] {

@@ -7,6 +7,7 @@
 //! Conditions select: of a [`Scalar::branch`](crate::system::Scalar::branch) both ways are recorded, and a
 //! [`Point::when`](crate::system::Point::when) is recorded as a selection between what stood and what it leaves.
 
+mod adjoint;
 mod evaluate;
 mod guard;
 mod instructions;

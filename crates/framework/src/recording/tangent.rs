@@ -48,8 +48,27 @@ impl Tape {
         self.add(Operation::Constant(value.to_bits()))
     }
 
+    /// The change of an operation where one of its operands, by its number, changes so, and no other does.
+    pub(super) fn change(&mut self, node: Node, operation: &Operation, operand: usize, change: Node) -> Option<Node> {
+        match *operation {
+            // The same operand twice is two operands here.
+            Operation::Binary(operation, a, b) => {
+                let changes = if operand == 0 { [Some(change), None] } else { [None, Some(change)] };
+                self.of_two(operation, [a, b], changes, node)
+            }
+            Operation::Unary(..) | Operation::Powi(..) | Operation::Powf(..) => {
+                let of = |_: Node| Some(change);
+                self.tangent_of(node, &of, &|_, _| None)
+            }
+            _ => None,
+        }
+    }
+
     fn tangent(&mut self, node: Node, tangents: &[Option<Node>], seed: &Seed) -> Option<Node> {
-        let of = |node: Node| tangents[node.index()];
+        self.tangent_of(node, &|node| tangents[node.index()], seed)
+    }
+
+    fn tangent_of(&mut self, node: Node, of: &dyn Fn(Node) -> Option<Node>, seed: &Seed) -> Option<Node> {
         match self.operation(node).clone() {
             given @ (Operation::Leaf(_) | Operation::Carried(_)) => seed(node, &given),
             Operation::Unary(function, a) => {

@@ -7,7 +7,7 @@ use crate::error::{Error, Invalid};
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
 use crate::library as own;
-use crate::model::Description;
+use crate::model::{Description, Standard};
 use crate::model_description::ModelDescription;
 use crate::pages::{self, Icon};
 
@@ -17,7 +17,7 @@ pub struct Appearance {
     pub page: String,
     /// Its picture.
     pub icon: Icon,
-    /// terminalsAndIcons/terminalsAndIcons.xml, where it is asked for.
+    /// terminalsAndIcons/terminalsAndIcons.xml, where it is asked for, and in FMI 3.0.
     pub terminals: Option<String>,
 }
 
@@ -39,7 +39,11 @@ pub fn appearance(
     Ok(Appearance {
         page: page::html(&handed),
         icon: entry.map_or_else(|| pages::icon(""), Entry::icon),
-        terminals: with_terminals.then(|| terminals::xml(&handed.pins)),
+        terminals: match description.standard() {
+            Standard::Fmi2 => with_terminals.then(|| terminals::xml(&handed.pins)),
+            // Only its picture: elements of arrays can't be members of a terminal.
+            Standard::Fmi3 => Some(terminals::xml(&[])),
+        },
     })
 }
 

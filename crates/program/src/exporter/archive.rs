@@ -13,6 +13,7 @@ use super::library::Library;
 use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
+use crate::model::Standard;
 use crate::texts::LICENCES;
 use crate::{output, text_file};
 
@@ -67,13 +68,19 @@ pub enum Libraries<'a> {
 pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<(), Error> {
     let Contents { unit, build, description, appearance, sources } = contents;
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
+    let (standard, xml) = match &unit.model_description_3 {
+        Some(xml) => (Standard::Fmi3, xml),
+        None => (Standard::Fmi2, &unit.model_description),
+    };
     let mut entries: Vec<(&str, &[u8])> = vec![
-        ("modelDescription.xml", unit.model_description.as_bytes()),
-        ("model.png", appearance.icon.png),
+        ("modelDescription.xml", xml.as_bytes()),
         ("documentation/index.html", appearance.page.as_bytes()),
         (DESCRIBED, description.as_bytes()),
         (BUILD, build.as_bytes()),
     ];
+    if standard == Standard::Fmi2 {
+        entries.insert(1, ("model.png", appearance.icon.png));
+    }
     if let Some(terminals) = &appearance.terminals {
         entries.extend([
             ("terminalsAndIcons/terminalsAndIcons.xml", terminals.as_bytes()),
@@ -88,7 +95,7 @@ pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<
     entries.extend(places.iter().zip(*sources).map(|(place, (_, text))| (place.as_str(), text.as_bytes())));
     let mut zip = zipped(&entries).map_err(refused(file))?;
     match libraries {
-        Libraries::Common(library) => library.packed().write(&unit.name, &mut zip)?,
+        Libraries::Common(library) => library.packed().write(&unit.name, standard, &mut zip)?,
         Libraries::Own(own) => {
             let own: Vec<(&str, &[u8])> = own.iter().map(|(place, bytes)| (place.as_str(), &bytes[..])).collect();
             add(&mut zip, &own, 0o755).map_err(refused(file))?;

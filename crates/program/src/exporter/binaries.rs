@@ -15,6 +15,7 @@ use crate::cache;
 use crate::error::Error;
 use crate::fmi2::build::{self, Build};
 use crate::library::{PACKAGE, SOURCE};
+use crate::model::Standard;
 use crate::text_file;
 
 /// A library for a platform.
@@ -181,15 +182,16 @@ impl Binaries {
     }
 
     /// Puts all of them into the archive of an FMU.
-    pub fn write<W: Write + Seek>(&self, name: &str, zip: &mut ZipWriter<W>) -> Result<(), Error> {
+    pub fn write<W: Write + Seek>(&self, name: &str, standard: Standard, zip: &mut ZipWriter<W>) -> Result<(), Error> {
+        let is_3 = standard == Standard::Fmi3;
         for (binary, packed) in self.of.iter().zip(self.packed()?) {
             let refuse = refused(&binary.file);
             let mut archive = ZipArchive::new(Cursor::new(packed)).map_err(&refuse)?;
             let entry = archive.by_index_raw(0).map_err(&refuse)?;
-            zip.raw_copy_file_rename(entry, binary.platform.binary(name)).map_err(&refuse)?;
-            let Some(other) = binary.platform.other_binary(name).filter(|_| self.leave_free(&binary.platform)) else {
-                continue;
-            };
+            let place = if is_3 { binary.platform.binary_in_3(name) } else { binary.platform.binary(name) };
+            zip.raw_copy_file_rename(entry, place).map_err(&refuse)?;
+            let other = binary.platform.other_binary(name).filter(|_| !is_3 && self.leave_free(&binary.platform));
+            let Some(other) = other else { continue };
             let entry = archive.by_index_raw(0).map_err(&refuse)?;
             zip.raw_copy_file_rename(entry, other).map_err(&refuse)?;
         }
@@ -244,7 +246,7 @@ mod tests {
         let mut binaries = Binaries::of(all.next().unwrap());
         all.for_each(|binary| binaries.add(binary).unwrap());
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-        binaries.write("U", &mut zip).unwrap();
+        binaries.write("U", Standard::Fmi2, &mut zip).unwrap();
         let mut archive = ZipArchive::new(zip.finish().unwrap()).unwrap();
         let count = archive.len();
         let mut held = |index| {

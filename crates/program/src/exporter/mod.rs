@@ -36,6 +36,7 @@ pub use crate::texts::{Embedded, descriptions, league, loops};
 use crate::error::Error;
 use crate::fmi2::build::Build;
 use crate::fmi2::describe::DescribedUnit;
+use crate::model::Standard;
 use crate::{model, text_file};
 
 /// Name of the file that every loop has.
@@ -84,6 +85,26 @@ impl Source {
         }
         let reason = "there is no table [nominal] with the plant that it was designed for; `new --plant` writes one";
         Err(Error::Description { file: self.file.clone(), reason: reason.to_owned() })
+    }
+
+    /// The same system as a unit of a version of the standard.
+    ///
+    /// # Errors
+    /// When the text is no description.
+    pub fn of_standard(&self, standard: Standard) -> Result<Self, Error> {
+        let known = model::Description::read(&self.text).map(|description| description.fmi);
+        let wanted = (standard == Standard::Fmi3).then_some(3);
+        if known.is_ok_and(|known| known == wanted) {
+            return Ok(self.clone());
+        }
+        let refuse = |reason: &str| Error::Description { file: self.file.clone(), reason: reason.to_owned() };
+        let mut text: toml_edit::DocumentMut =
+            self.text.parse().map_err(|error: toml_edit::TomlError| refuse(error.message()))?;
+        match wanted {
+            Some(version) => text["fmi"] = toml_edit::value(i64::from(version)),
+            None => _ = text.remove("fmi"),
+        }
+        Ok(Source { file: self.file.clone(), text: text.to_string(), as_written: self.as_written && wanted.is_none() })
     }
 
     fn with<'a, V: Into<toml_edit::Value>>(
@@ -152,6 +173,14 @@ pub fn describe(source: &Source, library: &Library) -> Result<(DescribedUnit, Bu
     let described = library.describe(Some(source))?;
     let unit = described.unit.ok_or_else(|| Error::Library("the library described no FMU".to_owned()))?;
     Ok((unit, described.build))
+}
+
+/// The version of FMI that an FMU is of, `2.0` or `3.0`; none where a file is no FMU.
+pub fn version_of(fmu: &Path) -> Option<String> {
+    fmu.extension().filter(|extension| *extension == "fmu")?;
+    let xml = read_entry(fmu, "modelDescription.xml").ok()?;
+    let (_, version) = xml.split_once("fmiVersion")?;
+    version.split(['"', '\'']).nth(1).map(str::to_owned)
 }
 
 /// Writes the FMU of a description into a folder; its path.

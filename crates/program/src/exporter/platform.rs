@@ -75,6 +75,13 @@ impl Platform {
         KNOWN.iter().map(|(.., platform)| *platform)
     }
 
+    /// Where a library of this platform lies in an FMU of FMI 3.0.
+    pub fn binary_in_3(&self, name: &str) -> String {
+        let (processor, system) = self.target();
+        let processor = if processor == "i686" { "x86" } else { processor };
+        self.binary_in(&format!("{processor}-{system}"), name)
+    }
+
     /// Where a library of this platform lies in an FMU of this name.
     pub fn binary(&self, name: &str) -> String {
         self.binary_in(self.folder, name)

@@ -7,9 +7,10 @@ use super::archive::{self, Contents, Libraries};
 use super::library::Library;
 use super::platform::Platform;
 use super::{Source, compiler, describe};
-use crate::error::Error;
+use crate::error::{Error, Invalid};
 use crate::fmi2::describe::SourceUnit;
 use crate::fmi2::source::RUNTIME;
+use crate::model::Standard;
 use crate::output;
 use crate::scratch::Scratch;
 
@@ -40,6 +41,8 @@ pub struct Content {
     pub form: Form,
     /// True if terminals are added, which some importers refuse in an FMU of FMI 2.0.
     pub terminals: bool,
+    /// The version of the standard.
+    pub standard: Standard,
 }
 
 /// Writes the FMU of a description into a folder; its path.
@@ -48,7 +51,12 @@ pub struct Content {
 /// For a description that is refused, or files that can't be written; nothing is left half. With C sources, for a kind that
 /// can't be recorded, with what can't; where a compiler is missing or refuses.
 pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Content) -> Result<PathBuf, Error> {
-    let Content { form, terminals } = content;
+    let Content { form, terminals, standard } = content;
+    let source = &source.of_standard(*standard)?;
+    if *form != Form::Generic && *standard == Standard::Fmi3 {
+        let reason = "FMUs of FMI 3.0 are exported without C sources: leave out --source and --compile, or --fmi 3";
+        return Err(Error::Argument(Invalid::because(reason)));
+    }
     if *form == Form::Generic {
         let (unit, build) = describe(source, library)?;
         let appearance = appearance(source, &unit, &build, *terminals)?;
