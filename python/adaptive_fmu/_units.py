@@ -85,6 +85,7 @@ def export(
     platforms: Sequence[str] = (),
     without: Sequence[str] = (),
     terminals: bool = False,
+    fmi: int = 2,
 ) -> list[Path]:
     """Export FMUs into a folder and return their paths.
 
@@ -100,11 +101,14 @@ def export(
     without: components to leave out of the loops of `composite`. The inputs that they drive become inputs of the single FMU.
     terminals: True to add terminalsAndIcons.xml, which some tools use to connect FMUs; tools with FMI Library 3 refuse such FMUs.
         Default: False.
+    fmi: version of FMI, 2 or 3; with 3 there are no C sources and no archives, and only other tools read the FMUs. Default: 2.
 
     Raises `Error` if an FMU, a description file or a loop does not exist or is refused.
 
     >>> import adaptive_fmu
     >>> [file.name for file in adaptive_fmu.export("L1NonlinearSiso", out=folder)]
+    ['L1NonlinearSiso.fmu']
+    >>> [file.name for file in adaptive_fmu.export("L1NonlinearSiso", fmi=3, out=folder / "fmi3")]
     ['L1NonlinearSiso.fmu']
     """
     composite, ssp = ([loops] if isinstance(loops, (str, os.PathLike)) else list(loops) for loops in (composite, ssp))
@@ -118,6 +122,7 @@ def export(
     request += [f"--values={os.fspath(values)}"] if values is not None else []
     request += ["--source"] if source else []
     request += ["--terminals"] if terminals else []
+    request += [f"--fmi={fmi}"] if fmi != 2 else []
     request += ["--compile"] if compile or platforms else []
     request += ["--platforms=" + ",".join(platforms)] if platforms else []
     told = done([*request, "--", *(os.fspath(name) for name in names)]).json()
