@@ -1,6 +1,6 @@
 //! A unit in random hands: random inputs, random steps, and so a random state that it may really get into.
 
-use adaptive_fmu::fmi2::calls::Interface;
+use adaptive_fmu::fmi2::calls::{Interface, Standard};
 use adaptive_fmu::fmi2::{model_description, snapshot};
 use adaptive_fmu::library::SOURCE;
 use adaptive_fmu::model::Block;
@@ -93,6 +93,8 @@ impl Unit {
     /// All values.
     pub fn block(&self) -> Block {
         let identity = snapshot::identity(model_description::guid(&self.model), Interface::CoSimulation, SOURCE);
-        snapshot::deserialise(&self.fingerprint(), (identity, Interface::CoSimulation), &self.model).unwrap().block
+        snapshot::deserialise(&self.fingerprint(), (identity, (Standard::Fmi2, Interface::CoSimulation)), &self.model)
+            .unwrap()
+            .block
     }
 }
