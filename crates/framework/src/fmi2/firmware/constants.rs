@@ -194,6 +194,6 @@ mod tests {
                 .concat()
         };
         assert_eq!(found(&of_condition(0, 1)), []);
-        assert_eq!(found(&of_condition(1, 2)), [(4, false)]);
+        assert_eq!(found(&of_condition(1, 2)), [(3, true), (4, false)]);
     }
 }
