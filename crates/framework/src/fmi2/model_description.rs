@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use crate::model::{Description, Model};
 use crate::structure::Place;
-use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, Variability, Variables};
+use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, Variability, Variable, Variables};
 
 use super::access::References;
 use super::logger;
@@ -49,8 +49,13 @@ pub fn guid_text(guid: [u8; 16]) -> String {
 
 /// The whole modelDescription.xml.
 pub fn xml(model: &Model) -> String {
+    text(|xml| write(xml, model))
+}
+
+/// The text that a function writes.
+pub(super) fn text(write: impl FnOnce(&mut Xml) -> io::Result<()>) -> String {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
-    let written = write(&mut xml, model);
+    let written = write(&mut xml);
     // Writing to memory can't fail.
     debug_assert!(written.is_ok());
     let mut text = String::from_utf8(xml.into_inner()).unwrap_or_default();
@@ -95,7 +100,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
     root.push(("generationTool", concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")).to_owned()));
     element(xml, "fmiModelDescription", root, |xml| {
         write_interfaces(xml, model)?;
-        write_units(xml, model.variables())?;
+        write_units(xml, model.variables(), &[])?;
         write_types(xml, model.variables())?;
         element(xml, "LogCategories", vec![], |xml| {
             for (name, text) in logger::categories(model) {
@@ -155,9 +160,10 @@ fn write_interfaces(xml: &mut Xml, model: &Model) -> io::Result<()> {
     Ok(())
 }
 
-fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
-    let mut symbols: Vec<_> =
-        variables.visible().map(|element| element.unit()).filter(|unit| !unit.is_empty()).collect();
+/// Definitions of the units of variables, and of these.
+pub(super) fn write_units(xml: &mut Xml, variables: &Variables, further: &[&'static str]) -> io::Result<()> {
+    let of_variables = variables.visible().map(|element| element.unit()).filter(|unit| !unit.is_empty());
+    let mut symbols: Vec<_> = of_variables.chain(further.iter().copied()).collect();
     symbols.sort_unstable();
     symbols.dedup();
     if symbols.is_empty() {
@@ -178,7 +184,7 @@ fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
 }
 
 /// The attributes of a BaseUnit that aren't what they are by default.
-pub(super) fn base_unit(base: &Base) -> Attributes<'static> {
+fn base_unit(base: &Base) -> Attributes<'static> {
     let exponents = BASE_UNITS.into_iter().zip(base.exponents).filter(|(_, n)| *n != 0);
     let mut attributes: Attributes = exponents.map(|(base, n)| (base, n.to_string())).collect();
     attributes.extend((base.factor != 1.0).then(|| ("factor", number(base.factor))));
@@ -186,7 +192,8 @@ pub(super) fn base_unit(base: &Base) -> Attributes<'static> {
     attributes
 }
 
-fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
+/// Types of choices, with the name and the description of each item.
+pub(super) fn choices(variables: &Variables) -> Vec<(&str, &[(String, String)])> {
     let mut types: Vec<(&str, &[(String, String)])> = Vec::new();
     for element in variables.visible() {
         if let Data::Choice { type_name, items, .. } = &element.variable.data
@@ -195,6 +202,11 @@ fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
             types.push((type_name, items));
         }
     }
+    types
+}
+
+fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
+    let types = choices(variables);
     if types.is_empty() {
         return Ok(());
     }
@@ -228,41 +240,76 @@ fn index_of_states(variables: &Variables) -> Vec<usize> {
     index
 }
 
+/// What a variable is to a master, in words of both standards.
+pub(super) struct Role {
+    pub causality: &'static str,
+    pub variability: &'static str,
+    pub initial: Option<&'static str>,
+    /// The end of its description.
+    pub note: &'static str,
+    pub has_start: bool,
+}
+
+impl Role {
+    pub fn of(variable: &Variable) -> Self {
+        let is_designed = variable.variability == Variability::Constant;
+        let (causality, initial) = match variable.causality {
+            _ if is_designed => ("local", Some("exact")),
+            Causality::Parameter => ("parameter", Some("exact")),
+            Causality::Input => ("input", None),
+            Causality::Output => ("output", Some("calculated")),
+            Causality::Local | Causality::Hidden => ("local", Some("calculated")),
+        };
+        let variability = match variable.variability {
+            Variability::Constant => "constant",
+            Variability::Fixed => "fixed",
+            Variability::Tunable => "tunable",
+            Variability::Discrete => "discrete",
+            Variability::Continuous => "continuous",
+        };
+        let note = if is_designed { DESIGNED } else { "" };
+        let has_start = matches!(variable.causality, Causality::Parameter | Causality::Input);
+        Role { causality, variability, initial, note, has_start }
+    }
+}
+
+/// The start value of an element.
+pub(super) fn start(element: Element<'_>) -> String {
+    match &element.variable.data {
+        Data::Real { .. } => number(element.start()),
+        Data::Integer { start, .. } | Data::Choice { start, .. } => start.to_string(),
+        Data::Boolean { start } => start.to_string(),
+    }
+}
+
+/// Unit and limits of a real number.
+pub(super) fn of_real(element: Element<'_>) -> Attributes<'static> {
+    let Data::Real { min, max, .. } = &element.variable.data else { return Vec::new() };
+    let mut attributes = Vec::new();
+    let unit = Some(element.unit()).filter(|unit| !unit.is_empty()).map(Unit::of);
+    attributes.extend(unit.map(|unit| ("unit", unit.symbol.to_owned())));
+    let display = unit.and_then(|unit| unit.display).filter(|_| !element.variable.shown.in_own_unit);
+    attributes.extend(display.map(|display| ("displayUnit", display.symbol.to_owned())));
+    attributes.extend(min.map(|min| ("min", number(min))));
+    attributes.extend(max.map(|max| ("max", number(max))));
+    attributes
+}
+
 fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, states: &[usize]) -> io::Result<()> {
     let variable = element.variable;
-    let is_designed = variable.variability == Variability::Constant;
-    let (causality, initial) = match variable.causality {
-        _ if is_designed => ("local", Some("exact")),
-        Causality::Parameter => ("parameter", Some("exact")),
-        Causality::Input => ("input", None),
-        Causality::Output => ("output", Some("calculated")),
-        Causality::Local | Causality::Hidden => ("local", Some("calculated")),
-    };
-    let variability = match variable.variability {
-        Variability::Constant => "constant",
-        Variability::Fixed => "fixed",
-        Variability::Tunable => "tunable",
-        Variability::Discrete => "discrete",
-        Variability::Continuous => "continuous",
-    };
+    let Role { causality, variability, initial, note, has_start } = Role::of(variable);
     let mut attributes = vec![
         ("name", element.name()),
         ("valueReference", References::of(variables, element).to_string()),
-        ("description", [element.description().as_ref(), if is_designed { DESIGNED } else { "" }].concat()),
+        ("description", [element.description().as_ref(), note].concat()),
         ("causality", causality.to_owned()),
         ("variability", variability.to_owned()),
     ];
     attributes.extend(initial.map(|initial| ("initial", initial.to_owned())));
-    let has_start = matches!(variable.causality, Causality::Parameter | Causality::Input);
     self::element(xml, "ScalarVariable", attributes, |xml| {
         let (kind, mut value) = type_of(element, states);
         if has_start {
-            let start = match &variable.data {
-                Data::Real { .. } => number(element.start()),
-                Data::Integer { start, .. } | Data::Choice { start, .. } => start.to_string(),
-                Data::Boolean { start } => start.to_string(),
-            };
-            value.push(("start", start));
+            value.push(("start", start(element)));
         }
         empty(xml, kind, value)
     })
@@ -272,13 +319,8 @@ fn write_variable(xml: &mut Xml, variables: &Variables, element: Element<'_>, st
 fn type_of(element: Element<'_>, states: &[usize]) -> (&'static str, Attributes<'static>) {
     let mut attributes = Vec::new();
     let kind = match &element.variable.data {
-        Data::Real { min, max, .. } => {
-            let unit = Some(element.unit()).filter(|unit| !unit.is_empty()).map(Unit::of);
-            attributes.extend(unit.map(|unit| ("unit", unit.symbol.to_owned())));
-            let display = unit.and_then(|unit| unit.display).filter(|_| !element.variable.shown.in_own_unit);
-            attributes.extend(display.map(|display| ("displayUnit", display.symbol.to_owned())));
-            attributes.extend(min.map(|min| ("min", number(min))));
-            attributes.extend(max.map(|max| ("max", number(max))));
+        Data::Real { .. } => {
+            attributes.extend(of_real(element));
             // Solvers take their tolerances from those of states; some tools warn where a state has none.
             if element.nominal() != 1.0 || element.variable.section == Section::State {
                 attributes.push(("nominal", number(element.nominal())));

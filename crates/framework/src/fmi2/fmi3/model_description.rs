@@ -2,29 +2,23 @@
 
 use std::io;
 
-use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, Event};
 
 use super::arrays::{Entry, entries, time};
 use crate::fmi2::access::References;
 use crate::fmi2::logger;
 use crate::fmi2::model_description::{
-    Attributes, DESIGNED, Xml, base_unit, element, empty, guid, guid_text, number, tolerance,
+    Attributes, Role, Xml, choices, element, empty, guid, guid_text, number, of_real, start, text, tolerance,
+    write_units,
 };
 use crate::model::Model;
 use crate::recording::{Leaf, Method, Operation, Recording};
 use crate::structure::Place;
-use crate::system::{Causality, Data, Section, Unit, Variability, Variables};
+use crate::system::{Causality, Data, Section, Variables};
 
 /// The whole modelDescription.xml.
 pub fn xml(model: &Model) -> String {
-    let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
-    let written = write(&mut xml, model);
-    // Writing to memory can't fail.
-    debug_assert!(written.is_ok());
-    let mut text = String::from_utf8(xml.into_inner()).unwrap_or_default();
-    text.push('\n');
-    text
+    text(|xml| write(xml, model))
 }
 
 fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
@@ -41,7 +35,8 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
     root.push(("generationTool", concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")).to_owned()));
     element(xml, "fmiModelDescription", root, |xml| {
         write_interfaces(xml, &description.name)?;
-        write_units(xml, model.variables())?;
+        // Time has a unit, too.
+        write_units(xml, model.variables(), &["s"])?;
         write_types(xml, model.variables())?;
         element(xml, "LogCategories", vec![], |xml| {
             logger::categories(model).try_for_each(|(name, text)| {
@@ -81,34 +76,8 @@ fn write_interfaces(xml: &mut Xml, name: &str) -> io::Result<()> {
     empty(xml, "CoSimulation", [&common[..], &co_simulation].concat())
 }
 
-fn write_units(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
-    let mut symbols: Vec<_> =
-        variables.visible().map(|element| element.unit()).filter(|unit| !unit.is_empty()).collect();
-    symbols.push("s");
-    symbols.sort_unstable();
-    symbols.dedup();
-    element(xml, "UnitDefinitions", vec![], |xml| {
-        symbols.iter().map(|symbol| Unit::of(symbol)).try_for_each(|unit| {
-            element(xml, "Unit", vec![("name", unit.symbol.to_owned())], |xml| {
-                unit.base.iter().try_for_each(|base| empty(xml, "BaseUnit", base_unit(base)))?;
-                unit.display.iter().try_for_each(|display| {
-                    let factor = number(display.factor);
-                    empty(xml, "DisplayUnit", vec![("name", display.symbol.to_owned()), ("factor", factor)])
-                })
-            })
-        })
-    })
-}
-
 fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
-    let mut types: Vec<(&str, &[(String, String)])> = Vec::new();
-    for element in variables.visible() {
-        if let Data::Choice { type_name, items, .. } = &element.variable.data
-            && !types.iter().any(|(name, _)| name == type_name)
-        {
-            types.push((type_name, items));
-        }
-    }
+    let types = choices(variables);
     if types.is_empty() {
         return Ok(());
     }
@@ -174,25 +143,11 @@ fn jumping_states(model: &Model) -> Vec<bool> {
 
 fn write_variable(xml: &mut Xml, variables: &Variables, entry: &Entry, jumps: &[bool]) -> io::Result<()> {
     let variable = entry.element.variable;
-    let is_designed = variable.variability == Variability::Constant;
-    let (causality, initial) = match variable.causality {
-        _ if is_designed => ("local", Some("exact")),
-        Causality::Parameter => ("parameter", Some("exact")),
-        Causality::Input => ("input", None),
-        Causality::Output => ("output", Some("calculated")),
-        Causality::Local | Causality::Hidden => ("local", Some("calculated")),
-    };
-    let variability = match variable.variability {
-        Variability::Constant => "constant",
-        Variability::Fixed => "fixed",
-        Variability::Tunable => "tunable",
-        Variability::Discrete => "discrete",
-        Variability::Continuous => "continuous",
-    };
+    let Role { causality, variability, initial, note, has_start } = Role::of(variable);
     let mut attributes = vec![
         ("name", entry.name()),
         ("valueReference", References::of(variables, entry.element).to_string()),
-        ("description", entry.description() + if is_designed { DESIGNED } else { "" }),
+        ("description", entry.description() + note),
         ("causality", causality.to_owned()),
         ("variability", variability.to_owned()),
     ];
@@ -201,8 +156,9 @@ fn write_variable(xml: &mut Xml, variables: &Variables, entry: &Entry, jumps: &[
     if variable.section == Section::State && entry.elements().iter().any(|one| jumps[one.place()]) {
         attributes.push(("reinit", "true".to_owned()));
     }
-    if matches!(variable.causality, Causality::Parameter | Causality::Input) {
-        attributes.push(("start", start(entry)));
+    if has_start {
+        let each: Vec<String> = entry.elements().into_iter().map(start).collect();
+        attributes.push(("start", each.join(" ")));
     }
     element(xml, kind, attributes, |xml| match entry.shape {
         None => Ok(()),
@@ -210,27 +166,12 @@ fn write_variable(xml: &mut Xml, variables: &Variables, entry: &Entry, jumps: &[
     })
 }
 
-/// The start values of all elements, rows first.
-fn start(entry: &Entry) -> String {
-    let of = |element: &crate::system::Element| match &element.variable.data {
-        Data::Real { .. } => number(element.start()),
-        Data::Integer { start, .. } | Data::Choice { start, .. } => start.to_string(),
-        Data::Boolean { start } => start.to_string(),
-    };
-    entry.elements().iter().map(of).collect::<Vec<_>>().join(" ")
-}
-
 /// The element of a variable's type; its attributes are added.
 fn write_type(attributes: &mut Attributes, variables: &Variables, entry: &Entry) -> &'static str {
     let element = entry.element;
     match &element.variable.data {
-        Data::Real { min, max, .. } => {
-            let unit = Some(element.unit()).filter(|unit| !unit.is_empty()).map(Unit::of);
-            attributes.extend(unit.map(|unit| ("unit", unit.symbol.to_owned())));
-            let display = unit.and_then(|unit| unit.display).filter(|_| !element.variable.shown.in_own_unit);
-            attributes.extend(display.map(|display| ("displayUnit", display.symbol.to_owned())));
-            attributes.extend(min.map(|min| ("min", number(min))));
-            attributes.extend(max.map(|max| ("max", number(max))));
+        Data::Real { .. } => {
+            attributes.extend(of_real(element));
             // There is one for all elements; where these differ, fmi3GetNominalsOfContinuousStates gives each.
             let nominal = element.nominal();
             let is_one = entry.elements().iter().all(|other| other.nominal() == nominal);
