@@ -38,7 +38,10 @@ def test_masses_and_friction_of_a_robot_are_found_with_their_errors(tmp_path: Pa
     for of in told["parameters"]:
         assert abs(of["value"] - true[of["name"]]) < 5 * of["error"], (NUMBER, of, true)
         assert of["error"] < 0.05 * true[of["name"]], (NUMBER, of)
-    assert told["parameters"][0]["unit"] == "kg" and min(told["fit"]) > 95, told["fit"]
+    # The fit is that of the last 30 %, of which noise is a part.
+    noise, measured = 0.003, np.loadtxt(tmp_path / "record.csv", delimiter=",", skiprows=1)[-75:, 3:]
+    assert told["parameters"][0]["unit"] == "kg"
+    assert np.all(np.array(told["fit"]) > 100 * (1 - 1.2 * noise / measured.std(axis=0))), told["fit"]
     assert told["noise"] == pytest.approx([0.003, 0.003], rel=0.2)
     # The linear model about the start depends on three parameters: its covariance has that rank.
     model = json.loads((tmp_path / "model.json").read_text())

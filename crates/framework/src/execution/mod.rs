@@ -360,8 +360,7 @@ impl Execution {
         let method =
             controls.integration_method.map_or(IntegrationMethod::Automatic, |handle| self.values().get(handle).item());
         let fixed_steps = controls.fixed_steps.map_or(1, |handle| self.values().get(handle));
-        let most_work = self.values()[controls.work_limit];
-        let leaves_end = self.leaves_events;
+        let (most_work, leaves_end) = (self.values()[controls.work_limit], self.leaves_events);
         Settings { method, fixed_steps, relative_tolerance, most_work, leaves_end, ..Settings::default() }
     }
 
