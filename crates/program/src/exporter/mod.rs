@@ -92,19 +92,23 @@ impl Source {
     /// # Errors
     /// When the text is no description.
     pub fn of_standard(&self, standard: Standard) -> Result<Self, Error> {
-        let known = model::Description::read(&self.text).map(|description| description.fmi);
         let wanted = (standard == Standard::Fmi3).then_some(3);
-        if known.is_ok_and(|known| known == wanted) {
-            return Ok(self.clone());
+        // What can't be read is refused by the library, which knows the line.
+        if model::Description::read(&self.text).is_ok_and(|known| known.fmi.map(i64::from) != wanted) {
+            return self.with_version(wanted);
         }
+        Ok(self.clone())
+    }
+
+    fn with_version(&self, version: Option<i64>) -> Result<Self, Error> {
         let refuse = |reason: &str| Error::Description { file: self.file.clone(), reason: reason.to_owned() };
         let mut text: toml_edit::DocumentMut =
             self.text.parse().map_err(|error: toml_edit::TomlError| refuse(error.message()))?;
-        match wanted {
-            Some(version) => text["fmi"] = toml_edit::value(i64::from(version)),
+        match version {
+            Some(version) => text["fmi"] = toml_edit::value(version),
             None => _ = text.remove("fmi"),
         }
-        Ok(Source { file: self.file.clone(), text: text.to_string(), as_written: self.as_written && wanted.is_none() })
+        Ok(Source { file: self.file.clone(), text: text.to_string(), as_written: self.as_written && version.is_none() })
     }
 
     fn with<'a, V: Into<toml_edit::Value>>(
