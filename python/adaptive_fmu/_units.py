@@ -103,7 +103,8 @@ def export(
         Default: False.
     fmi: version of FMI, 2 or 3; with 3 there are no C sources and no archives, and only other tools read the FMUs. Default: 2.
 
-    Raises `Error` if an FMU, a description file or a loop does not exist or is refused.
+    Raises `Error` if an FMU, a description file or a loop does not exist or is refused, and `ArgumentError` for arguments that don't go
+    together.
 
     >>> import adaptive_fmu
     >>> [file.name for file in adaptive_fmu.export("L1NonlinearSiso", out=folder)]
@@ -116,6 +117,10 @@ def export(
         raise ArgumentError(
             "export() was called without anything to export. Name FMUs or description files, or give loops as composite= or ssp="
         )
+    if fmi not in (2, 3):
+        raise ArgumentError(f"fmi = {fmi!r} must be 2 or 3")
+    if fmi == 3 and (ssp or source or compile or platforms):
+        raise ArgumentError("fmi=3 writes no C sources and no archives: leave out ssp, source, compile and platforms, or fmi=3")
     request = ["export", f"--out={os.fspath(out)}", "--json"]
     for option, loops in (("--composite", composite), ("--ssp", ssp), ("--without", without)):
         request += [f"{option}={os.fspath(loop)}" for loop in loops]

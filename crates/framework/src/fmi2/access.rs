@@ -124,17 +124,17 @@ impl References {
     }
 
     /// The reference of the event indicators, behind all others.
-    pub fn first_indicator(&self) -> u32 {
-        (self.reals.len() + self.integers.len()) as u32
+    pub fn of_indicators(variables: &Variables) -> u32 {
+        (variables.reals(Section::Memory).end + variables.integers(Section::Memory).end) as u32
     }
 
     /// The number of an event indicator, where a reference is one's.
     pub fn indicator(&self, reference: u32) -> Option<usize> {
-        let number = reference.checked_sub(self.first_indicator())?;
+        let number = reference.checked_sub((self.reals.len() + self.integers.len()) as u32)?;
         (number < self.indicators).then_some(number as usize)
     }
 
-    /// How many values a reference names.
+    /// Number of values that a reference names.
     ///
     /// # Errors
     /// [`NoValue`] when it is no variable's.

@@ -154,7 +154,7 @@ macro_rules! call_table {
             }
         }
 
-        /// Where each function is allowed: in FMI 2.0 and FMI 3.0, there in model exchange and in co-simulation.
+        /// Phases in which each function is allowed: in FMI 2.0 and FMI 3.0, there in model exchange and in co-simulation.
         const ALLOWED: &[[[u16; 2]; 2]] = &[$([[$me_2, $cs_2], [$me_3, $cs_3]],)*];
     };
 }

@@ -240,7 +240,7 @@ fn index_of_states(variables: &Variables) -> Vec<usize> {
     index
 }
 
-/// What a variable is to a master, in words of both standards.
+/// Role of a variable, in words of both standards.
 pub(super) struct Role {
     pub causality: &'static str,
     pub variability: &'static str,

@@ -16,7 +16,7 @@ use crate::fmi2::resources;
 use crate::fmi2::shared::Shared;
 use crate::fmi2::types::{Component, LogMessage, Status, StringPointer, ValueReference};
 
-/// What fmi3InstantiateModelExchange and fmi3InstantiateCoSimulation have in common.
+/// Arguments that fmi3InstantiateModelExchange and fmi3InstantiateCoSimulation share.
 #[derive(Debug, Clone, Copy)]
 pub struct Asked {
     /// instanceName
@@ -134,7 +134,7 @@ pub unsafe fn set_float64(
 pub trait Whole: Copy {
     /// From what an instance has.
     fn of(value: i32) -> Self;
-    /// What an instance takes.
+    /// As a number that an instance takes.
     fn number(self) -> i64;
 }
 
@@ -204,6 +204,7 @@ pub unsafe fn set_whole<T: Whole>(
 
 /// Getters and setters of types that no unit has, which set and give nothing; functions of clocks.
 pub fn no_such_type(c: Component, name: &str, kind: &str, count: usize) -> Status {
+    // Allowed in the same phases: in all of them.
     call(c, Function::GetNumberOfVariableDependencies, |_| match count {
         0 => Ok(Status::Ok),
         _ => Err(Refused(format!("{name}: this unit has no variable of type {kind}"))),

@@ -116,7 +116,7 @@ fn write_variables(xml: &mut Xml, model: &Model) -> io::Result<()> {
     let about = if names.is_empty() { String::new() } else { format!(": {}", names.join("; ")) };
     let attributes = vec![
         ("name", "event_indicators".to_owned()),
-        ("valueReference", super::arrays::references(model).first_indicator().to_string()),
+        ("valueReference", References::of_indicators(variables).to_string()),
         ("description", format!("event indicators{about}")),
         ("causality", "local".to_owned()),
         ("variability", "continuous".to_owned()),
@@ -244,7 +244,7 @@ fn write_structure(xml: &mut Xml, model: &Model) -> io::Result<()> {
         if variables.indicators().is_empty() {
             return Ok(());
         }
-        let indicators = super::arrays::references(model).first_indicator().to_string();
+        let indicators = References::of_indicators(variables).to_string();
         empty(xml, "EventIndicator", vec![("valueReference", indicators)])
     })
 }

@@ -12,14 +12,14 @@ use crate::model::Block;
 use crate::structure::Place;
 use crate::system::{Causality, Section, Variable};
 
-/// What a step has brought.
+/// Outcome of a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Stepped {
     /// True if an event is due.
     pub event_needed: bool,
     /// True if the step ended before it was done.
     pub early_return: bool,
-    /// Where the instance is, s.
+    /// Time of the instance, s.
     pub last_time: f64,
 }
 
@@ -152,7 +152,7 @@ impl Instance {
     /// fmi3EnterEventMode in co-simulation.
     ///
     /// # Errors
-    /// Where the instance was made without Event Mode.
+    /// For an instance that was made without Event Mode.
     pub fn enter_event_mode_of_step(&mut self) -> Answer {
         if self.of.1 == Interface::CoSimulation && !self.event_mode {
             let name = self.called(Function::EnterEventMode);
@@ -272,7 +272,7 @@ impl Instance {
         let is_known = |variable: &Variable| {
             variable.causality == Causality::Output || matches!(variable.section, Section::State | Section::Derivative)
         };
-        if dependent == self.unit.references.first_indicator() && self.event_indicators() > 0 {
+        if dependent == References::of_indicators(variables) && self.event_indicators() > 0 {
             return Ok(self.dependencies_of_indicators());
         }
         let known = element(variables, dependent).filter(|element| is_known(element.variable));
