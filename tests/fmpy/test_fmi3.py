@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
+import adaptive_fmu as python
 import fmpy
 import numpy as np
 import pytest
@@ -439,6 +440,9 @@ def test_an_fmu_takes_the_place_of_the_other_version_with_a_line(tmp_path: Path)
     assert refused.returncode == 1 and "FMI 3.0 are exported without C sources" in refused.stderr
     of_3 = adaptive_fmu("export", "--fmi", "3", "NonlinearSiso", "--out", tmp_path / "3")
     assert of_3.returncode == 0
+    for arguments in ({"fmi": 5}, {"fmi": 3, "source": True}, {"fmi": 3, "ssp": "3.2.1-cosine"}):
+        with pytest.raises(python.ArgumentError, match="fmi"):
+            python.export("NonlinearSiso", out=tmp_path, **arguments)
     read = adaptive_fmu("info", tmp_path / "3" / "NonlinearSiso.fmu")
     assert read.returncode == 1 and "3.0" in read.stderr
 
