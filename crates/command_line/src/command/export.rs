@@ -99,8 +99,6 @@ pub struct Arguments {
     #[arg(long)]
     terminals: bool,
     /// Version of FMI: 2 for FMI 2.0, 3 for FMI 3.0 (docs/fmi3.md)
-    ///
-    /// Commands of this program read FMI 2.0, so an FMU of FMI 3.0 is for other tools.
     #[arg(
         long,
         value_name = "2|3",

@@ -42,10 +42,12 @@ pub struct LoopOptions {
     /// Stop time, s [default: the loop's own]
     #[arg(long, value_parser = positive)]
     pub until: Option<f64>,
-    /// Order of stepping, gauss-seidel or jacobi [default: the loop's own]
+    /// Order of stepping: gauss-seidel, jacobi or event-mode [default: the loop's own]
     ///
     /// With gauss-seidel, components are stepped one after the other and use the latest outputs. With jacobi, all of
-    /// them use the outputs of the last communication point.
+    /// them use the outputs of the last communication point. With event-mode, they exchange values at each communication
+    /// point until nothing changes, as far as they are FMUs of FMI 3.0 with Event Mode; it is the default in place of
+    /// gauss-seidel where all components have it whose outputs may depend directly on inputs.
     #[arg(long)]
     pub order: Option<Order>,
     /// Allow algebraic loops; each component uses the outputs of the previous exchange
@@ -109,6 +111,7 @@ impl LoopOptions {
         if self.fmus.is_some() {
             structure.take_from_folder();
         }
+        structure.asked_order = self.order;
         structure.accepts_algebraic_loops |= self.accept_algebraic_loops;
         structure.expected_failure = structure.expected_failure.filter(|it| !(self.composite && it.separate_only));
         Ok(structure)

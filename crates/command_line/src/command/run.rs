@@ -228,7 +228,7 @@ pub fn simulated(
     let Results { out, tag, tables } = results;
     let files = LoopFiles::find(name)?;
     let mut structure = options.structure(&files)?;
-    let settings = options.settings(&structure)?;
+    let mut settings = options.settings(&structure)?;
     let whole = options.composite;
     let own_name = own_name(&structure, whole, tag);
     if let Some(out) = out {
@@ -236,6 +236,7 @@ pub fn simulated(
     }
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
+    settings.order = loaded.order();
     let Settings { start_time, stop_time, step, order } = settings;
     let order = if whole { "as a single FMU".to_owned() } else { order.to_string() };
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);

@@ -276,6 +276,7 @@ impl Task {
         let units = options.units(structure)?;
         let hosting = options.hosting.hosting()?;
         let first = units.load(structure, &hosting)?;
+        settings.order = first.order();
         let run = options.provenance(&arguments.name, files, structure, settings, &first)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
         // The loop of one run; where workers have the runs, that of none.

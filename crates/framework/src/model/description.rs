@@ -8,7 +8,7 @@ use crate::nominal::NominalPlant;
 use crate::system::{Names, Word, Words};
 
 /// Versions of the standard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Standard {
     /// FMI 2.0
     #[default]

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::fmi2::build::TARGET;
+use crate::fmi2::calls::Standard;
 
 /// A platform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,14 +93,20 @@ impl Platform {
         self.other_folder.map(|folder| self.binary_in(folder, name))
     }
 
-    /// The library of this platform in the folder of an FMU: in its own place, or in that which other tools use.
-    pub fn find_binary(&self, fmu: &Path, name: &str) -> Option<PathBuf> {
-        self.binaries(name).map(|place| fmu.join(place)).find(|path| path.is_file())
+    /// Where a library of this platform lies in an FMU of a version of the standard.
+    pub fn binary_of(&self, standard: Standard, name: &str) -> String {
+        if standard == Standard::Fmi3 { self.binary_in_3(name) } else { self.binary(name) }
     }
 
-    /// Where the library of this platform may lie in an FMU: in its own place, or in that which other tools use.
-    pub fn binaries(&self, name: &str) -> impl Iterator<Item = String> {
-        [Some(self.binary(name)), self.other_binary(name)].into_iter().flatten()
+    /// The library of this platform in the folder of an FMU: in its own place, or in that which other tools use.
+    pub fn find_binary(&self, fmu: &Path, standard: Standard, name: &str) -> Option<PathBuf> {
+        self.binaries(standard, name).map(|place| fmu.join(place)).find(|path| path.is_file())
+    }
+
+    /// Where the library of this platform may lie in an FMU: in its own place, or, in FMI 2.0, in that which other tools use.
+    pub fn binaries(&self, standard: Standard, name: &str) -> impl Iterator<Item = String> {
+        let other = (standard == Standard::Fmi2).then(|| self.other_binary(name)).flatten();
+        [Some(self.binary_of(standard, name)), other].into_iter().flatten()
     }
 
     fn binary_in(&self, folder: &str, name: &str) -> String {
@@ -134,7 +141,7 @@ mod tests {
         let fmu = tempfile::tempdir().unwrap();
         let arm = Platform::of_target("aarch64-unknown-linux-gnu").unwrap();
         let find = |platform: &Platform| {
-            let found = platform.find_binary(fmu.path(), "U")?;
+            let found = platform.find_binary(fmu.path(), Standard::Fmi2, "U")?;
             Some(found.strip_prefix(fmu.path()).unwrap().to_string_lossy().into_owned())
         };
         for (folder, of_arm) in

@@ -33,7 +33,7 @@ pub fn serve() -> io::Result<()> {
     leave_requests_to_another();
     let mut buffer = Vec::new();
     let beginning: Beginning = receive(&stream, &mut buffer)?;
-    let made = Binary::load(&beginning.library)
+    let made = Binary::load(&beginning.library, beginning.plan.standard)
         .map_err(|reason| format!("its library can't be loaded: {reason}"))
         .and_then(|binary| InProcess::new(&Arc::new(binary), None, &beginning.plan));
     let (answer, mut unit) = match made {

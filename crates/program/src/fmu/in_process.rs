@@ -1,20 +1,23 @@
 //! Units whose library is loaded into this process, as any master loads it.
 
 use std::cell::RefCell;
-use std::ffi::{CString, c_char, c_int, c_void};
+use std::ffi::{c_int, c_void};
 use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::fmi2;
+use super::fmi3::{self, Instance3};
 use super::kernel::{Awaited, Equations};
 use super::messages::{Log, Messages, logger};
 use super::unit::{Answer, Call, RunningUnit};
 use crate::begun;
 use crate::dynamic::Library;
 use crate::exporter::with_causes;
-use crate::fmi2::calls::Function;
-use crate::fmi2::types::{CallbackFunctions, Component, EventInfo};
+use crate::fmi2::calls::{Function, Standard};
+use crate::fmi2::types::{CallbackFunctions, Component, MODEL_EXCHANGE};
+use crate::model_description::Array;
 
 /// Part of the message of a system that loads no code from a file system.
 const NO_CODE: &str = "failed to map segment";
@@ -22,31 +25,7 @@ const NO_CODE: &str = "failed to map segment";
 /// A function of the library, before it has the type that the standard gives its name.
 pub(super) type Symbol = unsafe extern "C" fn();
 
-type Instantiate = unsafe extern "C" fn(
-    *const c_char,
-    c_int,
-    *const c_char,
-    *const c_char,
-    *const CallbackFunctions,
-    c_int,
-    c_int,
-) -> Component;
 type Free = unsafe extern "C" fn(Component);
-type Setup = unsafe extern "C" fn(Component, c_int, f64, f64, c_int, f64) -> Answer;
-type Plain = unsafe extern "C" fn(Component) -> Answer;
-type GetReal = unsafe extern "C" fn(Component, *const u32, usize, *mut f64) -> Answer;
-type SetReal = unsafe extern "C" fn(Component, *const u32, usize, *const f64) -> Answer;
-type GetWhole = unsafe extern "C" fn(Component, *const u32, usize, *mut c_int) -> Answer;
-type SetWhole = unsafe extern "C" fn(Component, *const u32, usize, *const c_int) -> Answer;
-type SetString = unsafe extern "C" fn(Component, *const u32, usize, *const *const c_char) -> Answer;
-type DoStep = unsafe extern "C" fn(Component, f64, f64, c_int) -> Answer;
-type DirectionalDerivative =
-    unsafe extern "C" fn(Component, *const u32, usize, *const u32, usize, *const f64, *mut f64) -> Answer;
-type NewDiscreteStates = unsafe extern "C" fn(Component, *mut EventInfo) -> Answer;
-type GetNumbers = unsafe extern "C" fn(Component, *mut f64, usize) -> Answer;
-type SetNumbers = unsafe extern "C" fn(Component, *const f64, usize) -> Answer;
-type SetTime = unsafe extern "C" fn(Component, f64) -> Answer;
-type CompletedIntegratorStep = unsafe extern "C" fn(Component, c_int, *mut c_int, *mut c_int) -> Answer;
 
 #[cfg(not(target_family = "wasm"))]
 unsafe extern "C" {
@@ -75,22 +54,29 @@ const NEEDED: [Function; 5] = [
 /// What an instance is made of.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Plan {
+    /// Version of the standard.
+    pub standard: Standard,
     /// `fmi2Type`
     pub kind: c_int,
     pub name: String,
     pub guid: String,
-    /// `file:` URI of the resources.
+    /// `file:` URI of the resources; in FMI 3.0 their path, which ends with a separator.
     pub resources: String,
+    /// In FMI 3.0, all variables as arrays.
+    pub arrays: Vec<Array>,
+    /// True if events are handled in Event Mode, in co-simulation with FMI 3.0.
+    pub event_mode: bool,
     /// True if it is asked to log: some units tell of their errors only then.
     pub logs: bool,
     /// True if what it logs of calls that went well is kept.
     pub details: bool,
 }
 
-/// A loaded library.
+/// A loaded library, with the functions of one version of the standard.
 #[derive(Debug)]
 pub(super) struct Binary {
-    instantiate: Symbol,
+    /// For model exchange and for co-simulation.
+    instantiate: [Option<Symbol>; 2],
     free: Symbol,
     /// In the order of [`Function::ALL`].
     functions: Vec<Option<Symbol>>,
@@ -99,30 +85,40 @@ pub(super) struct Binary {
 
 impl Binary {
     /// Loads a library; the reason where that fails.
-    pub fn load(path: &Path) -> Result<Self, String> {
+    pub fn load(path: &Path, standard: Standard) -> Result<Self, String> {
         // SAFETY: the user asked for this FMU to be run; its initialisers run as in any master.
-        unsafe { Self::of(open(path)?) }
+        unsafe { Self::of(open(path)?, standard) }
     }
 
     /// This very library, where none can be loaded.
     #[cfg(target_family = "wasm")]
     pub fn linked() -> Result<Self, String> {
         // SAFETY: each function has the type that the standard gives its name.
-        unsafe { Self::of(Library) }
+        unsafe { Self::of(Library, Standard::Fmi2) }
     }
 
     /// # Safety
     /// What the library exports under a name of the standard must be that function.
-    unsafe fn of(library: Library) -> Result<Self, String> {
+    unsafe fn of(library: Library, standard: Standard) -> Result<Self, String> {
+        let [exchange, co_simulation, free] = match standard {
+            Standard::Fmi2 => ["fmi2Instantiate", "fmi2Instantiate", "fmi2FreeInstance"],
+            Standard::Fmi3 => ["fmi3InstantiateModelExchange", "fmi3InstantiateCoSimulation", "fmi3FreeInstance"],
+        };
         // SAFETY: each symbol is only called as the function that the standard gives its name.
         unsafe {
             let find = |name: &str| library.get::<Symbol>(name).map(|symbol| *symbol);
             let needed = |name: &str| find(name).map_err(|error| with_causes(&error));
-            NEEDED.iter().try_for_each(|function| needed(function.name()).map(drop))?;
-            let functions = Function::ALL.iter().map(|function| find(function.name()).ok()).collect();
-            let (instantiate, free) = (needed("fmi2Instantiate")?, needed("fmi2FreeInstance")?);
-            Ok(Binary { instantiate, free, functions, library })
+            NEEDED.iter().try_for_each(|function| needed(function.name_in(standard)).map(drop))?;
+            let functions = Function::ALL.iter().map(|function| find(function.name_in(standard)).ok()).collect();
+            let instantiate = [exchange, co_simulation].map(|name| find(name).ok());
+            Ok(Binary { instantiate, free: needed(free)?, functions, library })
         }
+    }
+
+    /// The function that makes instances of a kind (`fmi2Type`).
+    pub fn instantiate(&self, kind: c_int) -> Result<Symbol, String> {
+        let symbol = self.instantiate[usize::from(kind != MODEL_EXCHANGE)];
+        symbol.ok_or_else(|| "its library doesn't export the function that makes an instance".to_owned())
     }
 
     /// A function that isn't of the standard.
@@ -133,7 +129,7 @@ impl Binary {
 
     /// # Safety
     /// `F` must be the type that the standard gives the function.
-    unsafe fn function<F: Copy>(&self, function: Function) -> Result<F, String> {
+    pub unsafe fn function<F: Copy>(&self, function: Function) -> Result<F, String> {
         let symbol = self.functions[function as usize];
         let symbol = symbol.ok_or_else(|| "its library doesn't export this function".to_owned())?;
         // SAFETY: both are pointers to functions; that it is one of this type, the caller states.
@@ -178,6 +174,8 @@ unsafe fn open(path: &Path) -> Result<Library, String> {
 #[derive(Debug)]
 pub(super) struct InProcess {
     component: Component,
+    /// The same as an instance of FMI 3.0, where it is one.
+    fmi3: Option<Instance3>,
     binary: Arc<Binary>,
     log: Box<Log>,
     _callbacks: Box<CallbackFunctions>,
@@ -197,23 +195,22 @@ impl InProcess {
             step_finished: None,
             component_environment: std::ptr::from_ref(&*log).cast_mut().cast(),
         });
-        let text = |text: &str| CString::new(text).map_err(|_| "a name holds a NUL character".to_owned());
-        let (name, guid, resources) = (text(&plan.name)?, text(&plan.guid)?, text(&plan.resources)?);
-        // SAFETY: the type is the standard's; the library stays loaded as long as the instance, which holds it, and
-        // strings and callbacks live as long as the standard asks.
+        // SAFETY: the library stays loaded as long as the instance, which holds it, and the callbacks live as long, too.
         let component = unsafe {
-            let instantiate: Instantiate = std::mem::transmute(binary.instantiate);
-            let (guid, resources) = (guid.as_ptr(), resources.as_ptr());
-            instantiate(name.as_ptr(), plan.kind, guid, resources, &raw const *callbacks, 0, plan.logs.into())
+            match plan.standard {
+                Standard::Fmi2 => fmi2::instantiate(binary, plan, &callbacks)?,
+                Standard::Fmi3 => fmi3::instantiate(binary, plan, &log)?,
+            }
         };
         if component.is_null() {
             return Err(match log.take() {
-                silent if silent.is_empty() => "fmi2Instantiate failed, without a message".to_owned(),
-                messages => format!("fmi2Instantiate failed: {}", messages.joined()),
+                silent if silent.is_empty() => "instantiation failed, without a message".to_owned(),
+                messages => format!("instantiation failed: {}", messages.joined()),
             });
         }
         let (binary, equations) = (Arc::clone(binary), RefCell::new(Equations::of(kernel)));
-        Ok(InProcess { component, binary, log, _callbacks: callbacks, is_freed: false, equations })
+        let fmi3 = (plan.standard == Standard::Fmi3).then(|| Instance3::new(component, &plan.arrays));
+        Ok(InProcess { component, fmi3, binary, log, _callbacks: callbacks, is_freed: false, equations })
     }
 
     /// Hands over its compiled equations when they are there.
@@ -224,60 +221,15 @@ impl InProcess {
 
 impl RunningUnit for InProcess {
     fn call(&self, call: Call<'_>) -> Result<Answer, String> {
-        let (component, function) = (self.component, call.function());
-        // SAFETY: the types are those that the standard gives the functions; references and values are as many as said
-        // (`Instance` sees to that), and texts outlive the calls.
+        if matches!(call, Call::DoStep { .. } | Call::SetTime(_)) {
+            self.look_for_kernel();
+        }
+        // SAFETY: the library's functions are the standard's, and the instance is alive until it is freed.
         unsafe {
-            let binary = &self.binary;
-            Ok(match call {
-                Call::Plain(_) => binary.function::<Plain>(function)?(component),
-                Call::SetupExperiment { start, stop } => {
-                    binary.function::<Setup>(function)?(component, 0, 0.0, start, 1, stop)
-                }
-                Call::GetReal(references, values) => {
-                    let call = binary.function::<GetReal>(function)?;
-                    call(component, references.as_ptr(), references.len(), values.as_mut_ptr())
-                }
-                Call::SetReal(references, values) => {
-                    let call = binary.function::<SetReal>(function)?;
-                    call(component, references.as_ptr(), references.len(), values.as_ptr())
-                }
-                Call::GetWhole(_, references, values) => {
-                    let call = binary.function::<GetWhole>(function)?;
-                    call(component, references.as_ptr(), references.len(), values.as_mut_ptr())
-                }
-                Call::SetWhole(_, references, values) => {
-                    let call = binary.function::<SetWhole>(function)?;
-                    call(component, references.as_ptr(), references.len(), values.as_ptr())
-                }
-                Call::SetString(reference, text) => {
-                    let text = CString::new(text.replace('\0', "")).unwrap_or_default();
-                    binary.function::<SetString>(function)?(component, &raw const reference, 1, &text.as_ptr())
-                }
-                Call::DoStep { time, step } => {
-                    self.look_for_kernel();
-                    binary.function::<DoStep>(function)?(component, time, step, 1)
-                }
-                Call::DirectionalDerivative { unknowns, knowns, seed, result } => {
-                    let call = binary.function::<DirectionalDerivative>(function)?;
-                    let (unknown, known) = (unknowns.as_ptr(), knowns.as_ptr());
-                    call(component, unknown, unknowns.len(), known, knowns.len(), seed.as_ptr(), result.as_mut_ptr())
-                }
-                Call::GetNumbers(_, numbers) => {
-                    binary.function::<GetNumbers>(function)?(component, numbers.as_mut_ptr(), numbers.len())
-                }
-                Call::SetContinuousStates(states) => {
-                    binary.function::<SetNumbers>(function)?(component, states.as_ptr(), states.len())
-                }
-                Call::SetTime(time) => {
-                    self.look_for_kernel();
-                    binary.function::<SetTime>(function)?(component, time)
-                }
-                Call::NewDiscreteStates(info) => binary.function::<NewDiscreteStates>(function)?(component, info),
-                Call::CompletedIntegratorStep([event, end]) => {
-                    binary.function::<CompletedIntegratorStep>(function)?(component, 1, event, end)
-                }
-            })
+            match &self.fmi3 {
+                None => fmi2::call(self.component, &self.binary, call),
+                Some(instance) => instance.call(&self.binary, call),
+            }
         }
     }
 

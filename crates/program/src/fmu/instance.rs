@@ -8,7 +8,7 @@ use super::Value;
 use super::messages::Messages;
 use super::unit::{Answer, Call, DISCARD, OK, RunningUnit, WARNING, no_event_info};
 use crate::error::{Error, Number};
-use crate::fmi2::calls::Function;
+use crate::fmi2::calls::{Function, Standard};
 use crate::model_description::ModelDescription;
 
 /// More event iterations than this at one time never end.
@@ -89,30 +89,44 @@ impl Instance {
             return Ok(());
         }
         self.may_try_again.set(answer == DISCARD);
-        let messages = self.unit.messages();
+        let (messages, fmi) = (self.unit.messages(), self.prefix());
         Err(self.refusal(
             function,
             match answer {
                 _ if !messages.is_empty() => messages.joined(),
-                DISCARD => "it returned fmi2Discard, without a message".to_owned(),
-                3 => "it returned fmi2Error, without a message".to_owned(),
-                4 => "it returned fmi2Fatal, so it can't continue, without a message".to_owned(),
-                5 => "it returned fmi2Pending, which is not allowed for this function".to_owned(),
+                DISCARD => format!("it returned {fmi}Discard, without a message"),
+                3 => format!("it returned {fmi}Error, without a message"),
+                4 => format!("it returned {fmi}Fatal, so it can't continue, without a message"),
+                5 if self.standard() == Standard::Fmi2 => {
+                    "it returned fmi2Pending, which is not allowed for this function".to_owned()
+                }
                 answer => format!("it returned {answer}, which is not a status of the FMI standard"),
             },
         ))
     }
 
+    fn standard(&self) -> Standard {
+        self.description().standard
+    }
+
+    /// The first letters of the standard's names.
+    fn prefix(&self) -> &'static str {
+        match self.standard() {
+            Standard::Fmi2 => "fmi2",
+            Standard::Fmi3 => "fmi3",
+        }
+    }
+
     fn refusal(&self, function: Function, message: String) -> Error {
-        Error::Unit { unit: self.name.clone(), function: function.name(), time: self.time, message }
+        Error::Unit { unit: self.name.clone(), function: function.name_in(self.standard()), time: self.time, message }
     }
 
     /// Refuses a number that a unit gave with the status OK and that is none.
     fn check_numbers(&self, function: Function, numbers: &[f64], name: impl Fn(usize) -> String) -> Result<(), Error> {
         let Some(place) = numbers.iter().position(|number| !number.is_finite()) else { return Ok(()) };
         self.may_try_again.set(true);
-        let (name, number) = (name(place), Number(numbers[place]));
-        Err(self.refusal(function, format!("{name} = {number} is not a finite number, but the call returned fmi2OK")))
+        let (name, number, fmi) = (name(place), Number(numbers[place]), self.prefix());
+        Err(self.refusal(function, format!("{name} = {number} is not a finite number, but the call returned {fmi}OK")))
     }
 
     /// The variable of a value reference, for messages.
@@ -241,7 +255,8 @@ impl Instance {
         let freed = self.unit.free();
         let messages = self.unit.messages();
         freed.map(|()| messages).map_err(|message| {
-            let (unit, function) = (self.name.clone(), "fmi2FreeInstance");
+            let unit = self.name.clone();
+            let function = if self.standard() == Standard::Fmi2 { "fmi2FreeInstance" } else { "fmi3FreeInstance" };
             Error::Unit { unit, function, time: self.time, message }
         })
     }
@@ -266,6 +281,24 @@ impl Instance {
     /// # Errors
     /// When the unit refuses, or its events never end.
     pub fn finish_event(&self) -> Result<Event, Error> {
+        let event = self.update()?;
+        self.call(Call::Plain(Function::EnterContinuousTimeMode))?;
+        Ok(event)
+    }
+
+    /// Leaves Event Mode for the next step of co-simulation.
+    ///
+    /// # Errors
+    /// When the unit refuses.
+    pub fn enter_step_mode(&self) -> Result<(), Error> {
+        self.call(Call::Plain(Function::EnterStepMode))
+    }
+
+    /// Takes discrete states over, in Event Mode, until they no longer change.
+    ///
+    /// # Errors
+    /// When the unit refuses, or its events never end.
+    pub fn update(&self) -> Result<Event, Error> {
         let (mut info, mut states_changed, mut nominals_changed) = (no_event_info(), false, false);
         for _ in 0..EVENT_ITERATIONS {
             self.call(Call::NewDiscreteStates(&mut info))?;
@@ -276,7 +309,6 @@ impl Instance {
                 return Err(self.refusal(Function::NewDiscreteStates, reason));
             }
             if info.new_discrete_states_needed == 0 {
-                self.call(Call::Plain(Function::EnterContinuousTimeMode))?;
                 let next = (info.next_event_time_defined != 0).then_some(info.next_event_time);
                 return Ok(Event { next, states_changed, nominals_changed });
             }
@@ -285,7 +317,7 @@ impl Instance {
         Err(self.refusal(Function::NewDiscreteStates, reason))
     }
 
-    /// Begins an event of model exchange.
+    /// Begins an event, of model exchange or, in FMI 3.0, at the end of a step.
     ///
     /// # Errors
     /// When the unit refuses.

@@ -147,6 +147,21 @@ pub(super) fn logger() -> LoggerFunction {
     unsafe { std::mem::transmute::<Fixed, LoggerFunction>(keep_message) }
 }
 
+/// The function that units of FMI 3.0 log by: messages come expanded. Its environment is a [`Log`].
+pub(super) unsafe extern "C-unwind" fn log_message(
+    environment: *mut c_void,
+    status: c_int,
+    _category: *const c_char,
+    message: *const c_char,
+) {
+    // SAFETY: the environment is the instance's log, which outlives it, and the message is a C string.
+    unsafe {
+        if !message.is_null() && is_kept(environment, status) {
+            keep(environment, status, &CStr::from_ptr(message).to_string_lossy());
+        }
+    }
+}
+
 /// Keeps an expanded message of a call that came to a status.
 ///
 /// # Safety

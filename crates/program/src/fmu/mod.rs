@@ -1,6 +1,8 @@
 //! FMUs, loaded as any master loads them: those of this package into this process, those of other tools into processes
 //! of their own.
 
+mod fmi2;
+mod fmi3;
 #[cfg(unix)]
 mod guest;
 mod in_process;
@@ -39,6 +41,7 @@ use unit::RunningUnit;
 use crate::cache::Checksum;
 use crate::error::Error;
 use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
+use crate::fmi2::calls::Standard;
 use crate::fmi2::resources::DESCRIPTION;
 #[cfg(target_family = "wasm")]
 use crate::fmi2::resources::HELD;
@@ -128,7 +131,7 @@ impl Fmu {
     /// Opens an archive of a unit for co-simulation, whose instances run where units of its kind do.
     ///
     /// # Errors
-    /// When it is no FMU 2.0 for co-simulation on this platform.
+    /// When it is no FMU for co-simulation on this platform.
     pub fn open(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
         let fmu = Self::open_any(file, hosting)?;
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
@@ -138,24 +141,28 @@ impl Fmu {
     /// Opens an archive of a unit for co-simulation, model exchange or both.
     ///
     /// # Errors
-    /// When it is no FMU 2.0 on this platform.
+    /// When it is no FMU of FMI 2.0 or 3.0 on this platform.
     pub fn open_any(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
         let text = read_entry(file, "modelDescription.xml")?;
         let description = ModelDescription::read(&text).map_err(refuse)?;
         let folder = Scratch::new()?;
         let (own, entries, common) = (Platform::own(), entries(file)?, OwnLibrary::loaded());
+        let standard = description.standard;
         // The library beside this program isn't unpacked: it is loaded already.
         unpack_but(file, folder.path(), common.map(|common| common.mark))?;
         let resources = folder.path().join("resources");
         let place = |identifier: &str| {
-            let held = own.binaries(identifier).find_map(|place| entries.iter().find(|entry| entry.name == place));
+            let held =
+                own.binaries(standard, identifier).find_map(|place| entries.iter().find(|entry| entry.name == place));
             if let Some(common) = common.filter(|common| held.is_some_and(|held| common.is_entry(held))) {
-                return Ok(Place::here(&common.binary, Some(&common.checksum), &resources));
+                return Ok(Place::here(common.binary(standard), Some(&common.checksum), &resources));
             }
-            let missing = || format!("contains no {}, so it can't run on this platform", own.binary(identifier));
-            let library = own.find_binary(folder.path(), identifier).ok_or_else(missing)?;
-            Place::of(library, &resources, hosting)
+            let library = own.find_binary(folder.path(), standard, identifier).ok_or_else(|| {
+                let missing = own.binary_of(standard, identifier);
+                format!("contains no {missing}, so it can't run on this platform")
+            })?;
+            Place::of(library, &resources, hosting, standard)
         };
         let first = place(&description.model_identifier).map_err(refuse)?;
         let exchange = match &description.exchange_identifier {
@@ -163,7 +170,11 @@ impl Fmu {
             other => other.as_deref().map(place),
         };
         let co_simulation = description.co_simulation.then_some(first);
-        let (file, resources) = (file.to_owned(), file_uri(&resources));
+        let resources = match standard {
+            Standard::Fmi2 => file_uri(&resources),
+            Standard::Fmi3 => format!("{}{}", resources.display(), std::path::MAIN_SEPARATOR),
+        };
+        let file = file.to_owned();
         Ok(Fmu { file, _folder: Some(folder), resources, text, description, co_simulation, exchange })
     }
 
@@ -230,8 +241,20 @@ impl Fmu {
     /// # Errors
     /// When it is not for that, its library lacks a function, or refuses.
     pub fn instantiate(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
+        self.instantiate_for_steps(name, false)
+    }
+
+    /// An instance for co-simulation, whose events are handled in Event Mode.
+    ///
+    /// # Errors
+    /// As [`Fmu::instantiate`].
+    pub fn instantiate_with_events(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
+        self.instantiate_for_steps(name, true)
+    }
+
+    fn instantiate_for_steps(self: &Arc<Self>, name: &str, event_mode: bool) -> Result<Instance, Error> {
         let place = self.co_simulation.as_ref().ok_or(NOT_FOR_CO_SIMULATION);
-        self.instantiate_in(place, CO_SIMULATION, name)
+        self.instantiate_in(place, (CO_SIMULATION, event_mode), name)
     }
 
     /// An instance for model exchange.
@@ -241,22 +264,30 @@ impl Fmu {
     pub fn instantiate_for_exchange(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
         let place = self.exchange.as_ref().ok_or(NOT_FOR_EXCHANGE);
         let place = place.and_then(|place| place.as_ref().map_err(String::as_str));
-        self.instantiate_in(place, MODEL_EXCHANGE, name)
+        self.instantiate_in(place, (MODEL_EXCHANGE, false), name)
     }
 
     fn instantiate_in(
         self: &Arc<Self>,
         place: Result<&Place, &str>,
-        kind: c_int,
+        (kind, event_mode): (c_int, bool),
         name: &str,
     ) -> Result<Instance, Error> {
-        let resources = self.resources.clone();
-        let ModelDescription { guid, generation_tool, .. } = &self.description;
+        let ModelDescription { standard, guid, generation_tool, arrays, .. } = &self.description;
         // Those of this package tell of errors and warnings in any case.
         let is_own = generation_tool.starts_with("adaptive-fmu");
         let details = is_own && DETAILS.load(Ordering::Relaxed);
-        let plan =
-            Plan { kind, name: name.to_owned(), guid: guid.clone(), resources, logs: !is_own || details, details };
+        let plan = Plan {
+            standard: *standard,
+            kind,
+            name: name.to_owned(),
+            guid: guid.clone(),
+            resources: self.resources.clone(),
+            arrays: arrays.clone(),
+            event_mode,
+            logs: !is_own || details || *standard == Standard::Fmi3,
+            details,
+        };
         let unit = place.map_err(str::to_owned).and_then(|place| place.unit(&plan));
         let unit = unit.map_err(|reason| Error::Archive { file: self.file.clone(), reason })?;
         Ok(Instance::new(unit, name, self))
@@ -265,7 +296,7 @@ impl Fmu {
 
 impl Place {
     /// Where the instances of a library run, whose resources lie in a folder; the reason where it can't be loaded.
-    fn of(library: PathBuf, resources: &Path, hosting: &Hosting) -> Result<Self, String> {
+    fn of(library: PathBuf, resources: &Path, hosting: &Hosting, standard: Standard) -> Result<Self, String> {
         let bytes = std::fs::read(&library).map_err(|error| format!("its library can't be read: {error}"))?;
         let checksum = checksum(&library, &bytes);
         #[cfg(unix)]
@@ -276,7 +307,7 @@ impl Place {
         }
         #[cfg(not(unix))]
         let _ = hosting;
-        Ok(Place::here(&Arc::new(Binary::load(&library)?), checksum.as_ref(), resources))
+        Ok(Place::here(&Arc::new(Binary::load(&library, standard)?), checksum.as_ref(), resources))
     }
 
     /// In this process; by compiled equations where its library is of this crate, and has a checksum.
@@ -298,7 +329,8 @@ impl Place {
 
 /// The library that was built together with this program, as most FMUs hold it: loaded once.
 struct OwnLibrary {
-    binary: Arc<Binary>,
+    /// With the functions of each version of the standard.
+    binaries: [Arc<Binary>; 2],
     checksum: Checksum,
     /// Size and checksum within archives.
     mark: (u64, u32),
@@ -313,9 +345,14 @@ impl OwnLibrary {
             let bytes = std::fs::read(&file).ok()?;
             let mark = (bytes.len() as u64, crc32fast::hash(&bytes));
             let checksum = checksum(&file, &bytes)?;
-            Some(OwnLibrary { binary: Arc::new(Binary::load(&file).ok()?), checksum, mark })
+            let load = |standard| Some(Arc::new(Binary::load(&file, standard).ok()?));
+            Some(OwnLibrary { binaries: [load(Standard::Fmi2)?, load(Standard::Fmi3)?], checksum, mark })
         };
         OWN.get_or_init(load).as_ref()
+    }
+
+    fn binary(&self, standard: Standard) -> &Arc<Binary> {
+        &self.binaries[usize::from(standard == Standard::Fmi3)]
     }
 
     fn is_entry(&self, entry: &Entry) -> bool {

@@ -1,5 +1,6 @@
-//! modelDescription.xml, read: of FMUs from anywhere.
+//! modelDescription.xml of FMI 2.0 and FMI 3.0, read: of FMUs from anywhere.
 
+mod arrays;
 mod model_structure;
 mod units;
 pub(crate) mod xml;
@@ -10,14 +11,19 @@ use std::sync::Arc;
 
 use roxmltree::{Document, Node};
 
+pub use arrays::{Array, Type};
 pub(crate) use model_structure::ModelStructure;
 pub use units::{Affine, UnitDefinition};
 
+use self::arrays::Arrays;
+use crate::fmi2::calls::Standard;
 use crate::system::{NO_LIMIT, Number, TELLS_NO_LIMIT};
 
 /// What a master needs of a modelDescription.xml.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelDescription {
+    /// Version of the standard.
+    pub standard: Standard,
     /// Name of the model.
     pub name: String,
     /// What it is.
@@ -30,7 +36,7 @@ pub struct ModelDescription {
     pub model_identifier: String,
     /// Identifier of the binaries for model exchange, where it is for that.
     pub exchange_identifier: Option<String>,
-    /// GUID.
+    /// GUID; instantiation token in FMI 3.0.
     pub guid: String,
     /// Tool that made it.
     pub generation_tool: String,
@@ -48,20 +54,22 @@ pub struct ModelDescription {
     pub categories: Vec<String>,
     /// Variables.
     pub variables: Vec<Variable>,
+    /// Arrays and scalars of FMI 3.0 that they are elements of; none in FMI 2.0.
+    pub arrays: Vec<Array>,
     /// Units.
     pub units: Vec<UnitDefinition>,
     /// Outputs with the variables that they depend on, by their places; none where all are possible.
     pub dependencies: Vec<(usize, Option<Vec<usize>>)>,
 }
 
-/// A scalar variable.
+/// A scalar variable, or an element of an array.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variable {
     /// Name.
     pub name: String,
     /// What it is.
     pub description: String,
-    /// Value reference.
+    /// Value reference; in FMI 3.0 its number among the elements of all [`ModelDescription::arrays`].
     pub reference: u32,
     /// parameter, input, output, local, …
     pub causality: String,
@@ -119,7 +127,7 @@ impl Variable {
 }
 
 impl ModelDescription {
-    /// Reads a modelDescription.xml of FMI 2.0.
+    /// Reads a modelDescription.xml of FMI 2.0 or 3.0.
     ///
     /// # Errors
     /// What is missing or wrong, with its line.
@@ -127,33 +135,30 @@ impl ModelDescription {
         let document = xml::parse(xml).map_err(|error| in_file(&error))?;
         let root = document.root_element();
         let required = |node: Node, name: &str| attribute(node, name).ok_or_else(|| missing(&document, node, name));
-        if root.attribute("fmiVersion") != Some("2.0") {
-            let version = root.attribute("fmiVersion").unwrap_or("unknown");
-            return Err(format!("modelDescription.xml: FMI version {version}; only 2.0 can be read"));
-        }
+        let standard = standard(root)?;
         let (co_simulation, model_exchange) = (child(root, "CoSimulation"), child(root, "ModelExchange"));
-        let interface = co_simulation.or(model_exchange);
-        let interface = interface.ok_or_else(|| in_file("it has neither CoSimulation nor ModelExchange"))?;
+        let interface = co_simulation.or(model_exchange).ok_or_else(|| in_file(no_interface(root)))?;
         let model_identifier = identifier(&document, interface)?;
         let exchange_identifier = model_exchange.map(|node| identifier(&document, node)).transpose()?;
         let units = child(root, "UnitDefinitions").into_iter().flat_map(|node| elements(node, "Unit"));
         let units: Vec<UnitDefinition> =
             units.map(UnitDefinition::read).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?;
-        let (types, mut measures) = (types(root), Measures::new(&units));
         let experiment = child(root, "DefaultExperiment");
         let number = |name| experiment.and_then(|node| node.attribute(name)).and_then(|text| text.parse().ok());
-        let variables = child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable"));
-        let outputs = child(root, "ModelStructure").and_then(|node| child(node, "Outputs"));
-        let outputs = outputs.into_iter().flat_map(|node| elements(node, "Unknown"));
         let categories = child(root, "LogCategories").into_iter().flat_map(|node| elements(node, "Category"));
+        let (variables, arrays, dependencies) = match standard {
+            Standard::Fmi2 => of_fmi_2(&document, &units)?,
+            Standard::Fmi3 => of_fmi_3(&document, &units)?,
+        };
         Ok(ModelDescription {
+            standard,
             name: required(root, "modelName")?,
             description: attribute(root, "description").unwrap_or_default(),
             co_simulation: co_simulation.is_some(),
             model_exchange: model_exchange.is_some(),
             model_identifier,
             exchange_identifier,
-            guid: required(root, "guid")?,
+            guid: required(root, if standard == Standard::Fmi2 { "guid" } else { "instantiationToken" })?,
             generation_tool: attribute(root, "generationTool").unwrap_or_default(),
             about: ABOUT.into_iter().filter_map(|name| Some((name, attribute(root, name)?))).collect(),
             start_time: number("startTime"),
@@ -165,12 +170,17 @@ impl ModelDescription {
                 .map(|attribute| (attribute.name().to_owned(), attribute.value().to_owned()))
                 .collect(),
             categories: categories.filter_map(|node| attribute(node, "name")).collect(),
-            variables: variables
-                .map(|node| variable(&document, node, &types, &mut measures))
-                .collect::<Result<_, _>>()?,
+            variables,
+            arrays,
             units,
-            dependencies: outputs.map(dependencies).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?,
+            dependencies,
         })
+    }
+
+    /// True if it has Event Mode in co-simulation (FMI 3.0).
+    pub fn has_event_mode(&self) -> bool {
+        let has = |(name, value): &(String, String)| name == "hasEventMode" && (value == "true" || value == "1");
+        self.co_simulation && self.capabilities.iter().any(has)
     }
 
     /// Itself, where it is for co-simulation.
@@ -195,6 +205,48 @@ impl ModelDescription {
     /// The variable of a name.
     pub fn variable(&self, name: &str) -> Option<&Variable> {
         self.variables.iter().find(|variable| variable.name == name)
+    }
+}
+
+/// Variables, the arrays that they are of, and dependences of outputs.
+type Read = (Vec<Variable>, Vec<Array>, Vec<(usize, Option<Vec<usize>>)>);
+
+fn of_fmi_2(document: &Document, units: &[UnitDefinition]) -> Result<Read, String> {
+    let root = document.root_element();
+    let (types, mut measures) = (types(root), Measures::new(units));
+    let variables = child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable"));
+    let variables = variables.map(|node| variable(document, node, &types, &mut measures));
+    let outputs = child(root, "ModelStructure").and_then(|node| child(node, "Outputs"));
+    let outputs = outputs.into_iter().flat_map(|node| elements(node, "Unknown"));
+    let variables = variables.collect::<Result<_, _>>()?;
+    Ok((variables, Vec::new(), outputs.map(dependencies).collect::<Result<_, _>>().map_err(|reason| in_file(&reason))?))
+}
+
+fn of_fmi_3(document: &Document, units: &[UnitDefinition]) -> Result<Read, String> {
+    let root = document.root_element();
+    let types = child(root, "TypeDefinitions").into_iter().flat_map(|node| node.children());
+    let types = types.filter_map(|node| Some((node.attribute("name")?, node))).collect();
+    let all = Arrays::read(document, root, &types, &mut Measures::new(units))?;
+    let dependencies = child(root, "ModelStructure").map_or(Ok(Vec::new()), |node| all.dependencies(node))?;
+    Ok((all.variables, all.arrays, dependencies))
+}
+
+/// The version of the standard.
+pub(super) fn standard(root: Node) -> Result<Standard, String> {
+    match root.attribute("fmiVersion") {
+        Some("2.0") => Ok(Standard::Fmi2),
+        Some("3.0") => Ok(Standard::Fmi3),
+        version => {
+            let version = version.unwrap_or("unknown");
+            Err(in_file(&format!("FMI version {version}; only 2.0 and 3.0 can be read")))
+        }
+    }
+}
+
+fn no_interface(root: Node) -> &'static str {
+    match child(root, "ScheduledExecution") {
+        Some(_) => "the FMU is for Scheduled Execution only, whose clocks `adaptive-fmu` can't activate",
+        None => "it has neither CoSimulation nor ModelExchange",
     }
 }
 

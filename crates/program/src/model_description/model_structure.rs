@@ -1,9 +1,12 @@
 //! The states of an FMU, as its modelDescription.xml declares them.
 
-use roxmltree::Node;
+use std::collections::HashMap;
 
-use crate::model_description::xml;
-use crate::model_description::{attribute, child, elements};
+use roxmltree::{Document, Node};
+
+use super::arrays::{Arrays, variables};
+use super::{Measures, attribute, child, elements, standard, xml};
+use crate::fmi2::calls::Standard;
 
 /// Which variables are states, derivatives and outputs: by their places among the variables.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +40,13 @@ impl ModelStructure {
     pub fn read(xml: &str) -> Result<Self, String> {
         let document = xml::parse(xml).map_err(|error| format!("modelDescription.xml: {error}"))?;
         let root = document.root_element();
+        match standard(root)? {
+            Standard::Fmi2 => Self::of_fmi_2(root),
+            Standard::Fmi3 => Self::of_fmi_3(&document),
+        }
+    }
+
+    fn of_fmi_2(root: Node) -> Result<Self, String> {
         let variables: Vec<_> =
             child(root, "ModelVariables").into_iter().flat_map(|node| elements(node, "ScalarVariable")).collect();
         let unknowns = |name| {
@@ -50,19 +60,56 @@ impl ModelStructure {
             let value = value.ok_or_else(|| "modelDescription.xml: a derivative has no type".to_owned())?;
             Ok((place(value, "derivative", variables.len())?, derivative))
         };
-        let start = child(root, "DefaultExperiment").and_then(|node| node.attribute("startTime")?.parse().ok());
-        let exchange = child(root, "ModelExchange").map(|node| Exchange {
-            model_identifier: attribute(node, "modelIdentifier").unwrap_or_default(),
-            directional: matches!(node.attribute("providesDirectionalDerivative"), Some("true" | "1")),
-        });
         Ok(ModelStructure {
             states: unknowns("Derivatives").map(|derivative| state_of(derivative?)).collect::<Result<_, String>>()?,
             indicators: root.attribute("numberOfEventIndicators").and_then(|text| text.parse().ok()).unwrap_or(0),
             outputs: unknowns("Outputs").collect::<Result<_, _>>()?,
-            start_time: start.unwrap_or(0.0),
-            exchange,
+            start_time: start_time(root),
+            exchange: exchange(root, "providesDirectionalDerivative"),
         })
     }
+
+    fn of_fmi_3(document: &Document) -> Result<Self, String> {
+        let root = document.root_element();
+        let all = Arrays::read(document, root, &HashMap::new(), &mut Measures::new(&[]))?;
+        let structure = |name| child(root, "ModelStructure").into_iter().flat_map(move |node| elements(node, name));
+        let places = |node: Node| all.places(node.attribute("valueReference").unwrap_or_default());
+        let state_of: HashMap<&str, &str> = variables(root)
+            .filter_map(|node| Some((node.attribute("valueReference")?, node.attribute("derivative")?)))
+            .collect();
+        let (mut states, mut indicators, mut outputs) = (Vec::new(), 0, Vec::new());
+        for node in structure("ContinuousStateDerivative") {
+            let derivatives = places(node)?;
+            let state = node.attribute("valueReference").and_then(|derivative| state_of.get(derivative));
+            let of =
+                all.places(state.ok_or("modelDescription.xml: a derivative does not say of which state it is")?)?;
+            if of.len() != derivatives.len() {
+                return Err("modelDescription.xml: a state and its derivative have different sizes".to_owned());
+            }
+            states.extend(of.zip(derivatives));
+        }
+        for node in structure("EventIndicator") {
+            indicators += places(node)?.len();
+        }
+        for node in structure("Output") {
+            outputs.extend(places(node)?);
+        }
+        let exchange = exchange(root, "providesDirectionalDerivatives");
+        Ok(ModelStructure { states, indicators, outputs, start_time: start_time(root), exchange })
+    }
+}
+
+fn start_time(root: Node) -> f64 {
+    let start = child(root, "DefaultExperiment").and_then(|node| node.attribute("startTime")?.parse().ok());
+    start.unwrap_or(0.0)
+}
+
+/// Model exchange, and whether a flag of it is set.
+fn exchange(root: Node, directional: &str) -> Option<Exchange> {
+    child(root, "ModelExchange").map(|node| Exchange {
+        model_identifier: attribute(node, "modelIdentifier").unwrap_or_default(),
+        directional: matches!(node.attribute(directional), Some("true" | "1")),
+    })
 }
 
 /// A place that is counted from 1 in the file.
@@ -79,7 +126,7 @@ mod tests {
 
     fn description(structure: &str) -> String {
         format!(
-            "<fmiModelDescription><ModelVariables><ScalarVariable name='x'><Real/></ScalarVariable>\
+            "<fmiModelDescription fmiVersion='2.0'><ModelVariables><ScalarVariable name='x'><Real/></ScalarVariable>\
              <ScalarVariable name='der(x)'><Real derivative='1'/></ScalarVariable></ModelVariables>\
              <ModelStructure>{structure}</ModelStructure></fmiModelDescription>"
         )

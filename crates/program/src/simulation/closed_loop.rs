@@ -12,6 +12,8 @@ use crate::structure::{Order, Settings};
 
 /// A change that is due later by at most this part of a communication step is due: times of points are rounded.
 pub(super) const ROUNDING: f64 = 1e-6;
+/// The most exchanges at one communication point.
+const EVENT_ITERATIONS: usize = 100;
 /// The most messages of a unit that a recording keeps; of further ones, their number and the last.
 const MOST_MESSAGES: usize = 100;
 
@@ -40,6 +42,8 @@ struct WiredUnit {
     outputs: Ports,
     inputs: Ports,
     said: Said,
+    /// True if it was made for Event Mode.
+    by_events: bool,
 }
 
 /// What came of a unit's messages.
@@ -93,17 +97,19 @@ pub struct ClosedLoop {
     circular: bool,
     /// Values that variables get while it runs.
     changes: Vec<Change>,
+    order: Order,
 }
 
 impl ClosedLoop {
     /// A loop without units.
-    pub(super) fn empty(notes: Vec<String>, circular: bool, changes: Vec<Change>) -> Self {
+    pub(super) fn empty(notes: Vec<String>, circular: bool, changes: Vec<Change>, order: Order) -> Self {
         let (units, names, measures, row) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        ClosedLoop { units, names, measures, row, notes, circular, changes }
+        ClosedLoop { units, names, measures, row, notes, circular, changes, order }
     }
 
-    /// Adds a unit; what is recorded of it are the variables at some places, named by them with a prefix.
-    pub(super) fn add(&mut self, instance: Instance, prefix: &str, recorded: &[usize]) {
+    /// Adds a unit, one for Event Mode or not; what is recorded of it are the variables at some places, named by them with a
+    /// prefix.
+    pub(super) fn add(&mut self, instance: Instance, prefix: &str, recorded: &[usize], by_events: bool) {
         let mut outputs = Ports::default();
         for place in recorded {
             let variable = &instance.description().variables[*place];
@@ -112,7 +118,8 @@ impl ClosedLoop {
             self.names.push(format!("{prefix}{}", variable.name));
             self.measures.push(variable.unit.clone().unwrap_or_default());
         }
-        self.units.push(WiredUnit { instance, outputs, inputs: Ports::default(), said: Said::default() });
+        let (inputs, said) = (Ports::default(), Said::default());
+        self.units.push(WiredUnit { instance, outputs, inputs, said, by_events });
     }
 
     /// Number of its signals.
@@ -236,9 +243,9 @@ impl ClosedLoop {
         changes: &[Change],
         mut watch: impl FnMut(&mut Recording, f64, &[f64]) -> bool,
     ) -> Result<(), Error> {
-        let Settings { start_time, stop_time, order, .. } = settings;
+        let (Settings { start_time, stop_time, .. }, order) = (settings, self.order);
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
-        let mut goes_on = watch(recording, start_time, &self.row);
+        let (mut goes_on, mut told) = (watch(recording, start_time, &self.row), false);
         let mut changes = [&self.changes[..], changes].concat();
         changes.sort_by(|a, b| a.at.total_cmp(&b.at));
         let mut changes = changes.into_iter().peekable();
@@ -247,45 +254,107 @@ impl ClosedLoop {
                 break;
             }
             let is_due = |change: &Change| change.at <= time + ROUNDING * (next - time);
-            while let Some(Change { place: Place { unit, variable }, value, .. }) = changes.next_if(is_due) {
-                let instance = &self.units[unit].instance;
-                instance.set_start(instance.description().variables[variable].reference, &value)?;
-            }
-            if order == Order::Jacobi {
-                self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
-            }
-            for unit in &mut self.units {
-                if order == Order::GaussSeidel {
-                    unit.take(&self.row)?;
+            let due: Vec<Change> = std::iter::from_fn(|| changes.next_if(is_due)).collect();
+            self.change(&due, order, time)?;
+            match order {
+                Order::GaussSeidel => self.step_in_turn(time, next)?,
+                Order::Jacobi => self.step_together(time, next)?,
+                Order::EventMode => {
+                    self.step_in_turn(time, next)?;
+                    let unsettled = self.event(next)?;
+                    recording.warnings.extend(unsettled.filter(|_| !std::mem::replace(&mut told, true)));
                 }
-                unit.instance.do_step(time, next - time)?;
-                if order == Order::GaussSeidel {
-                    unit.give(&mut self.row)?;
-                }
-                let WiredUnit { instance, said, .. } = unit;
+            }
+            for WiredUnit { instance, said, .. } in &mut self.units {
                 said.keep(instance.name(), &instance.messages(), &mut recording.warnings);
-            }
-            if order == Order::Jacobi {
-                self.units.iter_mut().try_for_each(|unit| unit.give(&mut self.row))?;
             }
             goes_on = watch(recording, next, &self.row);
         }
         self.units.iter().try_for_each(|unit| unit.instance.terminate())
     }
 
-    /// Hands outputs on in Initialization Mode until they stay, at most as often as there are units: then every value has gone
-    /// round. Values that may go round without a delay settle further, if they do; else there is something to be told.
+    /// Sets what is due at a communication point.
+    fn change(&mut self, due: &[Change], order: Order, time: f64) -> Result<(), Error> {
+        if due.is_empty() {
+            return Ok(());
+        }
+        // What follows from a change is exchanged at the same point.
+        if order == Order::EventMode {
+            self.begin_event()?;
+        }
+        for Change { place: Place { unit, variable }, value, .. } in due {
+            let instance = &self.units[*unit].instance;
+            instance.set_start(instance.description().variables[*variable].reference, value)?;
+        }
+        if order == Order::EventMode { self.exchange(Some(time)).map(drop) } else { Ok(()) }
+    }
+
+    fn step_in_turn(&mut self, time: f64, next: f64) -> Result<(), Error> {
+        self.units.iter_mut().try_for_each(|unit| {
+            unit.take(&self.row)?;
+            unit.instance.do_step(time, next - time)?;
+            unit.give(&mut self.row)
+        })
+    }
+
+    fn step_together(&mut self, time: f64, next: f64) -> Result<(), Error> {
+        self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
+        self.units.iter_mut().try_for_each(|unit| unit.instance.do_step(time, next - time))?;
+        self.units.iter_mut().try_for_each(|unit| unit.give(&mut self.row))
+    }
+
+    fn begin_event(&mut self) -> Result<(), Error> {
+        self.units.iter().filter(|unit| unit.by_events).try_for_each(|unit| unit.instance.begin_event())
+    }
+
+    /// Handles the event that a communication point is for units with Event Mode.
+    fn event(&mut self, time: f64) -> Result<Option<String>, Error> {
+        self.begin_event()?;
+        self.exchange(Some(time))
+    }
+
+    /// Hands values on in Event Mode, and updates discrete states in the order of the units, until neither changes anything.
+    /// Then all units are ready for a step.
+    fn exchange(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
+        let unsettled = self.hand_on(time)?;
+        for _ in 0..EVENT_ITERATIONS {
+            let before = self.row.clone();
+            for unit in &mut self.units {
+                unit.take(&self.row)?;
+                if unit.by_events {
+                    unit.instance.update()?;
+                }
+                unit.give(&mut self.row)?;
+            }
+            if unsettled.is_some() || same_bits(&before, &self.row) {
+                break;
+            }
+        }
+        self.units.iter().filter(|unit| unit.by_events).try_for_each(|unit| unit.instance.enter_step_mode())?;
+        Ok(unsettled)
+    }
+
+    /// Initialises all units; what there is to be told where values don't settle.
     fn initialise(&mut self, start: f64, stop: f64) -> Result<Option<String>, Error> {
         self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
+        let unsettled = self.hand_on(None)?;
+        self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())?;
+        if self.units.iter().any(|unit| unit.by_events) {
+            self.exchange(None)?;
+        }
+        Ok(unsettled)
+    }
+
+    /// Hands outputs on until they stay, at most as often as there are units: then every value has gone round. Values that may
+    /// go round without a delay settle further, if they do; else there is something to be told.
+    fn hand_on(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
         let (mut before, mut rounds) = (Vec::new(), 0);
         while rounds < self.units.len() && !same_bits(&before, &self.row) {
             before.clone_from(&self.row);
             self.go_round()?;
             rounds += 1;
         }
-        let unsettled = if self.circular { self.settle()? } else { None };
-        self.units.iter().try_for_each(|unit| unit.instance.exit_initialization())?;
-        Ok(unsettled)
+        if self.circular { self.settle(time) } else { Ok(None) }
     }
 
     fn go_round(&mut self) -> Result<(), Error> {
@@ -297,7 +366,7 @@ impl ClosedLoop {
 
     /// Lets values go round until they stay. Where they don't, those of the first rounds are taken, and the signal that
     /// changes most is told.
-    fn settle(&mut self) -> Result<Option<String>, Error> {
+    fn settle(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
         let first = self.row.clone();
         let mut settling = Settling::new(&first);
         while settling.goes_on() {
@@ -307,10 +376,11 @@ impl ClosedLoop {
             }
         }
         let (place, change) = settling.moves_most();
+        let when = time.map_or_else(|| "initialisation".to_owned(), |time| format!("event at {time} s"));
         let (signal, change, rounds) = (&self.names[place], number(change), self.units.len());
         let told = format!(
-            "initialisation: the values of the algebraic loop don't converge. `{signal}` still changed by {change} \
-             in iteration {}; the run starts with the values of iteration {rounds}",
+            "{when}: the values of the algebraic loop don't converge. `{signal}` still changed by {change} \
+             in iteration {}; the run goes on with the values of iteration {rounds}",
             rounds + settling.rounds()
         );
         self.row = first;

@@ -7,11 +7,11 @@ use std::sync::Arc;
 use super::closed_loop::{Change, ClosedLoop, Place};
 use super::port::signals;
 use super::recording::Recording;
-use crate::error::Error;
+use crate::error::{Error, Invalid};
 use crate::fmu::{Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
 use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::near;
-use crate::structure::{Circles, Component, Event, Link, Structure, check};
+use crate::structure::{Circles, Component, Event, Link, Order, Structure, check};
 
 /// A loop that is ready to be instantiated.
 #[derive(Debug)]
@@ -21,6 +21,7 @@ pub struct LoadedLoop {
     notes: Vec<String>,
     circular: bool,
     changes: Vec<Change>,
+    order: Order,
 }
 
 #[derive(Debug)]
@@ -91,7 +92,8 @@ impl LoadedLoop {
             LoadedUnit::new(fmu, &component.name, format!("{}.", component.name), values)
         });
         let (links, notes, circular) = (wiring.links, wiring.notes, wiring.circular);
-        Ok(LoadedLoop { units: units.collect(), links, notes, circular, changes: Vec::new() })
+        let (units, changes, order) = (units.collect(), Vec::new(), structure.order);
+        LoadedLoop { units, links, notes, circular, changes, order }.in_order(structure.asked_order)
     }
 
     /// A loop that is one FMU, whose variables have the names that they have in the loop, with start values.
@@ -106,7 +108,42 @@ impl LoadedLoop {
         };
         let values = values.iter().map(place).collect::<Result<_, Error>>()?;
         let unit = LoadedUnit::new(fmu, name, String::new(), values);
-        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false, changes: Vec::new() })
+        let order = Order::GaussSeidel;
+        Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false, changes: Vec::new(), order })
+    }
+
+    /// In the order that is asked for; without one, by Event Mode where all units have it that pass values through, unless the
+    /// loop's own is Jacobi. Refuses Event Mode where no unit has it.
+    fn in_order(mut self, asked: Option<Order>) -> Result<Self, Error> {
+        let own = self.order;
+        let by_default = if own == Order::GaussSeidel && self.prefers_event_mode() { Order::EventMode } else { own };
+        self.order = asked.unwrap_or(by_default);
+        let has_any = self.units.iter().any(|unit| unit.fmu.description.has_event_mode());
+        if self.order == Order::EventMode && !has_any {
+            let reason =
+                "--order event-mode: no component has Event Mode. Export FMUs by `adaptive-fmu export --fmi 3`";
+            return Err(Error::Argument(Invalid::because(reason.to_owned())));
+        }
+        Ok(self)
+    }
+
+    /// The order in which its units are stepped.
+    pub fn order(&self) -> Order {
+        self.order
+    }
+
+    /// True if some units have Event Mode, and all of them where an output may follow from an input without delay.
+    fn prefers_event_mode(&self) -> bool {
+        let has = |unit: usize| self.units[unit].fmu.description.has_event_mode();
+        let passes = |unit: usize| {
+            let leaving = |input: usize| {
+                let outputs = self.links.iter().filter(move |link| link.from.0 == unit).map(|link| link.from.1);
+                outputs.map(move |output| self.units[unit].fmu.description.is_fed_through(input, output))
+            };
+            let into = self.links.iter().filter(|link| link.to.0 == unit).map(|link| link.to.1);
+            into.flat_map(leaving).any(|through| through != Some(false))
+        };
+        (0..self.units.len()).any(has) && (0..self.units.len()).all(|unit| has(unit) || !passes(unit))
     }
 
     /// Its units, in the order in which they are stepped.
@@ -316,11 +353,12 @@ impl LoadedLoop {
     /// When a unit refuses.
     pub fn instantiate_changing(&self, further: &[(Place, Value)], changes: &[Change]) -> Result<ClosedLoop, Error> {
         let changes = [&self.changes[..], changes].concat();
-        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular, changes);
+        let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular, changes, self.order);
         // The place of each signal's value in the row.
         let mut places = HashMap::new();
         for (k, LoadedUnit { fmu, name, prefix, values, recorded }) in self.units.iter().enumerate() {
-            let instance = fmu.instantiate(name)?;
+            let by_events = self.order == Order::EventMode && fmu.description.has_event_mode();
+            let instance = if by_events { fmu.instantiate_with_events(name)? } else { fmu.instantiate(name)? };
             let set = |variable: usize, value: &Value| {
                 instance.set_start(fmu.description.variables[variable].reference, value)
             };
@@ -328,7 +366,7 @@ impl LoadedLoop {
             let own = further.iter().filter(|(place, _)| place.unit == k);
             own.clone().try_for_each(|(place, value)| set(place.variable, value))?;
             places.extend(recorded.iter().map(|&place| (k, place)).zip(closed.width()..));
-            closed.add(instance, prefix, recorded);
+            closed.add(instance, prefix, recorded, by_events);
         }
         for Link { from, to: (unit, input), conversion } in &self.links {
             let variable = &self.units[*unit].fmu.description.variables[*input];

@@ -10,6 +10,9 @@ pub enum Order {
     GaussSeidel,
     /// All take the outputs of the last communication point, then all step.
     Jacobi,
+    /// One unit after the other, as for Gauss-Seidel; then those of FMI 3.0 enter Event Mode, where samples are taken and outputs
+    /// follow from inputs immediately, and values are exchanged until they stay.
+    EventMode,
 }
 
 impl fmt::Display for Order {
@@ -17,6 +20,7 @@ impl fmt::Display for Order {
         f.write_str(match self {
             Order::GaussSeidel => "gauss-seidel",
             Order::Jacobi => "jacobi",
+            Order::EventMode => "event-mode",
         })
     }
 }
@@ -27,7 +31,8 @@ impl FromStr for Order {
         match text {
             "gauss-seidel" => Ok(Order::GaussSeidel),
             "jacobi" => Ok(Order::Jacobi),
-            _ => Err(format!("order = {text}: must be gauss-seidel or jacobi")),
+            "event-mode" => Ok(Order::EventMode),
+            _ => Err(format!("order = {text}: must be gauss-seidel, jacobi or event-mode")),
         }
     }
 }

@@ -6,6 +6,7 @@ use super::findings::{At, Findings};
 use super::{Interface, Interfaces};
 use crate::error::Error;
 use crate::exporter::{self, Platform};
+use crate::fmi2::calls::Standard;
 
 const DESCRIPTION: &str = "modelDescription.xml";
 const SECTION: &str = "2.3";
@@ -54,9 +55,8 @@ impl Archive {
     }
 
     /// True if it has a library that can be loaded on a platform.
-    pub fn has_library(&self, platform: &Platform, identifier: &str) -> bool {
-        let places = [Some(platform.binary(identifier)), platform.other_binary(identifier)];
-        places.iter().flatten().any(|place| self.has(place))
+    pub fn has_library(&self, platform: &Platform, standard: Standard, identifier: &str) -> bool {
+        platform.binaries(standard, identifier).any(|place| self.has(&place))
     }
 
     /// Checks the places of files.
@@ -105,8 +105,8 @@ impl Archive {
             return;
         }
         let own = Platform::own();
-        if !self.has_library(&own, identifier) {
-            let what = format!("{name}: there is no {}", own.binary(identifier));
+        if !self.has_library(&own, findings.standard, identifier) {
+            let what = format!("{name}: there is no {}", own.binary_of(findings.standard, identifier));
             findings.warning(at(), what, SECTION, "it can't run on this platform; add a library for this platform");
         }
     }
@@ -140,8 +140,8 @@ mod tests {
             names: names.iter().map(|name| (*name).to_owned()).collect(),
         };
         let arm = Platform::of_target("aarch64-apple-darwin").unwrap();
-        assert!(of(&["binaries/aarch64-darwin/U.dylib"]).has_library(&arm, "U"));
-        assert!(of(&["binaries/darwin64/U.dylib"]).has_library(&arm, "U"));
-        assert!(!of(&["binaries/linux64/U.so", "binaries/darwin64/V.dylib"]).has_library(&arm, "U"));
+        assert!(of(&["binaries/aarch64-darwin/U.dylib"]).has_library(&arm, Standard::Fmi2, "U"));
+        assert!(of(&["binaries/darwin64/U.dylib"]).has_library(&arm, Standard::Fmi2, "U"));
+        assert!(!of(&["binaries/linux64/U.so", "binaries/darwin64/V.dylib"]).has_library(&arm, Standard::Fmi2, "U"));
     }
 }

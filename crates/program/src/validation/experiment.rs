@@ -11,21 +11,10 @@ use super::{Interface, Interfaces};
 use crate::model_description::{child, elements};
 
 /// Steps of an experiment that names no communication step.
-const USUAL_STEPS: f64 = 100.0;
+pub(super) const USUAL_STEPS: f64 = 100.0;
 
 /// The interfaces, where they are named so that libraries can be looked for.
 pub(super) fn interfaces(root: Node, variables: &[Variable], lines: &Lines) -> Interfaces {
-    let interface = |name| {
-        child(root, name).map(|node| Interface {
-            identifier: node.attribute("modelIdentifier").unwrap_or_default().to_owned(),
-            flags: node
-                .attributes()
-                .filter(|attribute| boolean(attribute.value()) == Some(true))
-                .map(|attribute| attribute.name().to_owned())
-                .collect(),
-            line: lines.of_node(node),
-        })
-    };
     let structure = child(root, "ModelStructure").and_then(|node| child(node, "Derivatives"));
     let derivatives: Vec<Node> = structure.into_iter().flat_map(|node| elements(node, "Unknown")).collect();
     let place = |text: Option<&str>| text?.trim().parse::<usize>().ok()?.checked_sub(1);
@@ -35,14 +24,27 @@ pub(super) fn interfaces(root: Node, variables: &[Variable], lines: &Lines) -> I
     let start = number("startTime").unwrap_or(0.0);
     let stop = number("stopTime").unwrap_or(start + 1.0);
     Interfaces {
-        exchange: interface("ModelExchange"),
-        co_simulation: interface("CoSimulation"),
+        exchange: interface(root, "ModelExchange", lines),
+        co_simulation: interface(root, "CoSimulation", lines),
         states: derivatives.len(),
         state_places: derivatives.into_iter().filter_map(state).collect(),
         start,
         stop,
         step: number("stepSize").unwrap_or((stop - start) / USUAL_STEPS),
     }
+}
+
+/// An interface with its flags.
+pub(super) fn interface(root: Node, name: &'static str, lines: &Lines) -> Option<Interface> {
+    child(root, name).map(|node| Interface {
+        identifier: node.attribute("modelIdentifier").unwrap_or_default().to_owned(),
+        flags: node
+            .attributes()
+            .filter(|attribute| boolean(attribute.value()) == Some(true))
+            .map(|attribute| attribute.name().to_owned())
+            .collect(),
+        line: lines.of_node(node),
+    })
 }
 
 /// Checks what the root and the interfaces say.

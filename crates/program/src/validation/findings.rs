@@ -7,6 +7,7 @@ use roxmltree::Node;
 use serde::Serialize;
 
 use crate::error::one_line;
+use crate::fmi2::calls::Standard;
 
 /// More findings than this are only counted: a person mends the first ones first.
 const MOST: usize = 1000;
@@ -35,7 +36,9 @@ pub struct Finding {
     pub variable: Option<String>,
     /// What is wrong.
     pub what: String,
-    /// The section of FMI 2.0 that tells how it must be.
+    /// The version of the standard.
+    pub standard: &'static str,
+    /// The section of FMI 2.0 that specifies it; empty in FMI 3.0.
     pub section: &'static str,
     /// What to do.
     pub advice: String,
@@ -43,7 +46,7 @@ pub struct Finding {
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Finding { severity, line, variable, what, section, advice } = self;
+        let Finding { severity, line, variable, what, standard, section, advice } = self;
         let mut text = match severity {
             Severity::Error => "error: ".to_owned(),
             Severity::Warning => "warning: ".to_owned(),
@@ -54,7 +57,8 @@ impl fmt::Display for Finding {
         if let Some(variable) = variable {
             text.push_str(&format!("`{variable}`: "));
         }
-        text.push_str(&format!("{what} (FMI 2.0, section {section}): {advice}"));
+        let section = if section.is_empty() { String::new() } else { format!(", section {section}") };
+        text.push_str(&format!("{what} (FMI {standard}{section}): {advice}"));
         f.write_str(&one_line(&text))
     }
 }
@@ -62,6 +66,8 @@ impl fmt::Display for Finding {
 /// All that was found.
 #[derive(Debug, Default)]
 pub struct Findings {
+    /// The version of the standard that the FMU is of.
+    pub(super) standard: Standard,
     kept: Vec<Finding>,
     errors: usize,
     warnings: usize,
@@ -100,7 +106,13 @@ impl Findings {
     fn keep(&mut self, severity: Severity, at: At, what: String, section: &'static str, advice: String) {
         if self.kept.len() < MOST {
             let [what, advice] = [what, advice].map(|text| shortened(&text, LONGEST_TEXT).into_owned());
-            self.kept.push(Finding { severity, line: at.line, variable: at.variable, what, section, advice });
+            // The checks are written for FMI 2.0, which has other sections and names.
+            let (what, advice, section) = match self.standard {
+                Standard::Fmi2 => (what, advice, section),
+                Standard::Fmi3 => (what.replace("fmi2", "fmi3"), advice.replace("fmi2", "fmi3"), ""),
+            };
+            let standard = self.standard.version();
+            self.kept.push(Finding { severity, line: at.line, variable: at.variable, what, standard, section, advice });
         }
     }
 }

@@ -10,6 +10,7 @@ use super::archive::Archive;
 use super::findings::{At, Findings};
 use super::{Interface, Interfaces};
 use crate::error::Error;
+use crate::fmi2::calls::Standard;
 
 const COMMON: [&str; 25] = [
     "fmi2GetTypesPlatform",
@@ -62,9 +63,96 @@ const CO_SIMULATION: [&str; 9] = [
     "fmi2GetStringStatus",
 ];
 
+/// The functions of FMI 3.0 that any FMU exports, and those of its interfaces.
+const COMMON_3: [&str; 66] = [
+    "fmi3GetVersion",
+    "fmi3SetDebugLogging",
+    "fmi3FreeInstance",
+    "fmi3EnterInitializationMode",
+    "fmi3ExitInitializationMode",
+    "fmi3EnterEventMode",
+    "fmi3Terminate",
+    "fmi3Reset",
+    "fmi3GetFloat32",
+    "fmi3GetFloat64",
+    "fmi3GetInt8",
+    "fmi3GetUInt8",
+    "fmi3GetInt16",
+    "fmi3GetUInt16",
+    "fmi3GetInt32",
+    "fmi3GetUInt32",
+    "fmi3GetInt64",
+    "fmi3GetUInt64",
+    "fmi3GetBoolean",
+    "fmi3GetString",
+    "fmi3GetBinary",
+    "fmi3GetClock",
+    "fmi3SetFloat32",
+    "fmi3SetFloat64",
+    "fmi3SetInt8",
+    "fmi3SetUInt8",
+    "fmi3SetInt16",
+    "fmi3SetUInt16",
+    "fmi3SetInt32",
+    "fmi3SetUInt32",
+    "fmi3SetInt64",
+    "fmi3SetUInt64",
+    "fmi3SetBoolean",
+    "fmi3SetString",
+    "fmi3SetBinary",
+    "fmi3SetClock",
+    "fmi3GetNumberOfVariableDependencies",
+    "fmi3GetVariableDependencies",
+    "fmi3GetFMUState",
+    "fmi3SetFMUState",
+    "fmi3FreeFMUState",
+    "fmi3SerializedFMUStateSize",
+    "fmi3SerializeFMUState",
+    "fmi3DeserializeFMUState",
+    "fmi3GetDirectionalDerivative",
+    "fmi3GetAdjointDerivative",
+    "fmi3EnterConfigurationMode",
+    "fmi3ExitConfigurationMode",
+    "fmi3GetIntervalDecimal",
+    "fmi3GetIntervalFraction",
+    "fmi3GetShiftDecimal",
+    "fmi3GetShiftFraction",
+    "fmi3SetIntervalDecimal",
+    "fmi3SetIntervalFraction",
+    "fmi3SetShiftDecimal",
+    "fmi3SetShiftFraction",
+    "fmi3EvaluateDiscreteStates",
+    "fmi3UpdateDiscreteStates",
+    "fmi3InstantiateModelExchange",
+    "fmi3InstantiateCoSimulation",
+    "fmi3InstantiateScheduledExecution",
+    "fmi3ActivateModelPartition",
+    "fmi3EnterStepMode",
+    "fmi3GetOutputDerivatives",
+    "fmi3DoStep",
+    "fmi3EnterContinuousTimeMode",
+];
+const EXCHANGE_3: [&str; 9] = [
+    "fmi3CompletedIntegratorStep",
+    "fmi3SetTime",
+    "fmi3SetContinuousStates",
+    "fmi3GetContinuousStateDerivatives",
+    "fmi3GetEventIndicators",
+    "fmi3GetContinuousStates",
+    "fmi3GetNominalsOfContinuousStates",
+    "fmi3GetNumberOfEventIndicators",
+    "fmi3GetNumberOfContinuousStates",
+];
+
 /// The flag that promises what a function does.
 fn flag_of(function: &str) -> Option<&'static str> {
     match function {
+        "fmi3GetFMUState" | "fmi3SetFMUState" | "fmi3FreeFMUState" => Some("canGetAndSetFMUState"),
+        "fmi3SerializedFMUStateSize" | "fmi3SerializeFMUState" | "fmi3DeserializeFMUState" => {
+            Some("canSerializeFMUState")
+        }
+        "fmi3GetDirectionalDerivative" => Some("providesDirectionalDerivatives"),
+        "fmi3GetAdjointDerivative" => Some("providesAdjointDerivatives"),
         "fmi2GetFMUstate" | "fmi2SetFMUstate" | "fmi2FreeFMUstate" => Some("canGetAndSetFMUstate"),
         "fmi2SerializedFMUstateSize" | "fmi2SerializeFMUstate" | "fmi2DeSerializeFMUstate" => {
             Some("canSerializeFMUstate")
@@ -145,12 +233,17 @@ fn check_library(
     functions: &HashSet<String>,
     findings: &mut Findings,
 ) {
-    let own: &[&str] = if kind == "ModelExchange" { &EXCHANGE } else { &CO_SIMULATION };
+    let (common, own): (&[&'static str], &[&'static str]) = match (findings.standard, kind) {
+        (Standard::Fmi2, "ModelExchange") => (&COMMON, &EXCHANGE),
+        (Standard::Fmi2, _) => (&COMMON, &CO_SIMULATION),
+        (Standard::Fmi3, "ModelExchange") => (&COMMON_3, &EXCHANGE_3),
+        (Standard::Fmi3, _) => (&COMMON_3, &[]),
+    };
     let section = if kind == "ModelExchange" { "3.2" } else { "4.2" };
     let lacking = |names: &[&'static str]| -> Vec<&'static str> {
         names.iter().copied().filter(|name| !functions.contains(*name)).collect()
     };
-    for (names, section) in [(lacking(&COMMON), "2.1"), (lacking(own), section)] {
+    for (names, section) in [(lacking(common), "2.1"), (lacking(own), section)] {
         let (promised, other): (Vec<_>, Vec<_>) =
             names.into_iter().partition(|name| flag_of(name).is_some_and(|flag| interface.is(flag)));
         for name in promised {

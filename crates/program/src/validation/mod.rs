@@ -1,10 +1,12 @@
 //! Checks whether an FMU is what the standard (FMI 2.0.4) asks for: its archive, its modelDescription.xml, the functions of its
-//! libraries, and a short run. Sections of the standard are named with each finding.
+//! libraries, and a short run. Sections of the standard are named with each finding. Of FMI 3.0, modelDescription.xml is checked as
+//! far as a run needs it.
 
 mod aliases;
 mod archive;
 mod experiment;
 mod findings;
+mod fmi3;
 mod functions;
 mod names;
 mod schema;
@@ -22,6 +24,7 @@ pub use findings::{Finding, Findings, Severity};
 pub use trial::Trial;
 
 use crate::error::Error;
+use crate::fmi2::calls::Standard;
 use crate::fmu::Hosting;
 use crate::model_description::xml;
 use archive::Archive;
@@ -83,7 +86,13 @@ pub fn validate(file: &Path, run: Option<&Hosting>) -> Result<Report, Error> {
     let mut findings = Findings::default();
     archive.check(&mut findings);
     let description = archive.description(&mut findings)?;
-    let interfaces = description.as_ref().and_then(|text| check_description(text, &mut findings));
+    let interfaces = description.as_ref().and_then(|text| {
+        findings.standard = fmi3::standard(text);
+        match findings.standard {
+            Standard::Fmi2 => check_description(text, &mut findings),
+            Standard::Fmi3 => fmi3::check_description(text, &mut findings),
+        }
+    });
     if let Some(interfaces) = &interfaces {
         archive.check_binaries(interfaces, &mut findings);
         functions::check(&archive, interfaces, &mut findings)?;

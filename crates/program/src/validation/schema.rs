@@ -259,7 +259,12 @@ pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) -> bool 
     }
     if let Some(version) = root.attribute("fmiVersion").filter(|version| version.trim() != "2.0") {
         let what = format!("fmiVersion = \"{version}\"");
-        findings.error(lines.at(root), what, "2.2.1", "only FMI 2.0 is checked; write it as \"2.0\"");
+        findings.error(
+            lines.at(root),
+            what,
+            "2.2.1",
+            "only FMI 2.0 and 3.0 are checked; write it as \"2.0\" or \"3.0\"",
+        );
         return false;
     }
     check_element(&ROOT, root, lines, findings);

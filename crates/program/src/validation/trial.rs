@@ -9,6 +9,7 @@ use super::archive::Archive;
 use super::findings::{At, Findings};
 use crate::error::Error;
 use crate::exporter::Platform;
+use crate::fmi2::calls::Function;
 use crate::fmu::{Fmu, Hosting, Instance};
 use crate::model_description::Variable;
 
@@ -44,7 +45,7 @@ pub(super) fn run(
     if co_simulation.is("needsExecutionTool") {
         return Trial::Impossible("it needs the tool that exported it".to_owned());
     }
-    if !archive.has_library(&Platform::own(), &co_simulation.identifier) {
+    if !archive.has_library(&Platform::own(), findings.standard, &co_simulation.identifier) {
         return Trial::Impossible("it has no library for this platform".to_owned());
     }
     let fmu = match Fmu::open(file, hosting) {
@@ -133,7 +134,9 @@ impl Attempt<'_> {
         if states > 0 {
             let values = instance.states(states).map_err(in_section("3.2.2"))?;
             let rates = instance.state_derivatives(states).map_err(in_section("3.2.2"))?;
-            for (name, numbers) in [("fmi2GetContinuousStates", values), ("fmi2GetDerivatives", rates)] {
+            let names = [Function::GetContinuousStates, Function::GetDerivatives];
+            let names = names.map(|function| function.name_in(self.findings.standard));
+            for (name, numbers) in names.into_iter().zip([values, rates]) {
                 if let Some(place) = numbers.iter().position(|number| !number.is_finite()) {
                     let what = format!("{name} returned {} for state {}", numbers[place], place + 1);
                     self.findings.error(

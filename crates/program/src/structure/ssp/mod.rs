@@ -60,6 +60,8 @@ pub struct Structure {
     pub step: f64,
     /// When units see each other's new outputs.
     pub order: Order,
+    /// What is asked for in place of that.
+    pub asked_order: Option<Order>,
     /// True if separate units may close a circle that all of them pass through without a delay.
     pub accepts_algebraic_loops: bool,
     /// Ideal models, simulated beside the loop for comparison.
@@ -220,6 +222,7 @@ impl Structure {
             stop_time,
             step,
             order,
+            asked_order: None,
             accepts_algebraic_loops: false,
             models: Vec::new(),
             metrics: Vec::new(),

@@ -75,6 +75,7 @@ impl Reader<'_> {
             stop_time: 0.0,
             step,
             order,
+            asked_order: None,
             accepts_algebraic_loops,
             models: read("IdealModel").map(|node| self.model(node)).collect::<Result<_, _>>()?,
             metrics: read("Metric").map(|node| self.metric(node)).collect::<Result<_, _>>()?,

@@ -1,0 +1,440 @@
+//! Calls of FMI 3.0: values of whole arrays, where the master names elements.
+
+use std::cell::{Cell, RefCell};
+use std::ffi::{CString, c_char, c_int, c_void};
+
+use super::in_process::{Binary, Plan, Symbol};
+use super::messages::{Log, log_message};
+use super::unit::{Answer, Call, DISCARD, OK, WARNING};
+use crate::fmi2::calls::Function;
+use crate::fmi2::types::{Component, EventInfo, MODEL_EXCHANGE};
+use crate::model_description::{Array, Type};
+
+/// Whatever number another tool's unit gives as a status.
+type LogMessage = unsafe extern "C-unwind" fn(*mut c_void, c_int, *const c_char, *const c_char);
+/// A Boolean that a unit writes: a byte, since what another tool writes need not be 0 or 1.
+type Flag = u8;
+type InstantiateExchange =
+    unsafe extern "C" fn(*const c_char, *const c_char, *const c_char, bool, bool, *mut c_void, LogMessage) -> Component;
+type InstantiateCoSimulation = unsafe extern "C" fn(
+    *const c_char,
+    *const c_char,
+    *const c_char,
+    bool,
+    bool,
+    bool,
+    bool,
+    *const u32,
+    usize,
+    *mut c_void,
+    LogMessage,
+    *const c_void,
+) -> Component;
+type Plain = unsafe extern "C" fn(Component) -> Answer;
+type Initialise = unsafe extern "C" fn(Component, bool, f64, f64, bool, f64) -> Answer;
+type Get<T> = unsafe extern "C" fn(Component, *const u32, usize, *mut T, usize) -> Answer;
+type Set<T> = unsafe extern "C" fn(Component, *const u32, usize, *const T, usize) -> Answer;
+type DoStep = unsafe extern "C" fn(Component, f64, f64, bool, *mut Flag, *mut Flag, *mut Flag, *mut f64) -> Answer;
+type DirectionalDerivative =
+    unsafe extern "C" fn(Component, *const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize) -> Answer;
+type GetNumbers = unsafe extern "C" fn(Component, *mut f64, usize) -> Answer;
+type SetNumbers = unsafe extern "C" fn(Component, *const f64, usize) -> Answer;
+type SetTime = unsafe extern "C" fn(Component, f64) -> Answer;
+type Update =
+    unsafe extern "C" fn(Component, *mut Flag, *mut Flag, *mut Flag, *mut Flag, *mut Flag, *mut f64) -> Answer;
+type CompletedStep = unsafe extern "C" fn(Component, bool, *mut Flag, *mut Flag) -> Answer;
+
+/// An instance of FMI 3.0.
+#[derive(Debug)]
+pub(super) struct Instance3 {
+    component: Component,
+    arrays: Vec<Array>,
+    /// The number of each array's first element.
+    firsts: Vec<usize>,
+    /// What arrays were set to: a master sets elements, the standard whole arrays.
+    set: RefCell<Vec<Option<Vec<f64>>>>,
+    /// Start and stop time.
+    experiment: Cell<(f64, f64)>,
+}
+
+/// Arrays of one type, each once, and how many values they have together.
+struct Group {
+    of: Type,
+    arrays: Vec<usize>,
+    size: usize,
+}
+
+/// Makes an instance; null where that fails.
+///
+/// # Safety
+/// What the library exports under a name of the standard must be that function.
+pub(super) unsafe fn instantiate(binary: &Binary, plan: &Plan, log: &Log) -> Result<Component, String> {
+    let text = |text: &str| CString::new(text).map_err(|_| "a name contains a NUL character".to_owned());
+    let (name, token, resources) = (text(&plan.name)?, text(&plan.guid)?, text(&plan.resources)?);
+    let (name, token, resources) = (name.as_ptr(), token.as_ptr(), resources.as_ptr());
+    let (symbol, log) = (binary.instantiate(plan.kind)?, std::ptr::from_ref(log).cast_mut().cast());
+    // SAFETY: the type is the standard's, as the caller states; texts live as long as the standard asks.
+    unsafe {
+        Ok(if plan.kind == MODEL_EXCHANGE {
+            let call = std::mem::transmute::<Symbol, InstantiateExchange>(symbol);
+            call(name, token, resources, false, plan.logs, log, log_message)
+        } else {
+            let call = std::mem::transmute::<Symbol, InstantiateCoSimulation>(symbol);
+            let (none, nothing) = (std::ptr::null(), std::ptr::null());
+            let event_mode = plan.event_mode;
+            call(name, token, resources, false, plan.logs, event_mode, false, none, 0, log, log_message, nothing)
+        })
+    }
+}
+
+impl Instance3 {
+    pub fn new(component: Component, arrays: &[Array]) -> Self {
+        let firsts = arrays.iter().scan(0, |next, array| Some(std::mem::replace(next, *next + array.count)));
+        Instance3 {
+            component,
+            firsts: firsts.collect(),
+            set: RefCell::new(arrays.iter().map(|array| array.start.clone()).collect()),
+            arrays: arrays.to_vec(),
+            experiment: Cell::default(),
+        }
+    }
+
+    /// Calls a function; the reason where there is no answer.
+    ///
+    /// # Safety
+    /// What the library exports under a name of the standard must be that function, and the instance must be alive.
+    pub unsafe fn call(&self, binary: &Binary, call: Call<'_>) -> Result<Answer, String> {
+        let (component, function) = (self.component, call.function());
+        // SAFETY: the types are those that the standard gives the functions; there are as many references and values as is
+        // said, and texts outlive the calls.
+        unsafe {
+            match call {
+                // Both in one call, where what this one gives is needed.
+                Call::SetupExperiment { start, stop } => {
+                    self.experiment.set((start, stop));
+                    Ok(OK)
+                }
+                Call::Plain(Function::EnterInitializationMode) => {
+                    let (start, stop) = self.experiment.get();
+                    Ok(binary.function::<Initialise>(function)?(component, false, 0.0, start, true, stop))
+                }
+                Call::Plain(_) => Ok(binary.function::<Plain>(function)?(component)),
+                Call::GetReal(numbers, values) => self.get(binary, numbers, |k, value| {
+                    values[k] = value;
+                    Ok(())
+                }),
+                Call::GetWhole(_, numbers, values) => self.get(binary, numbers, |k, value| {
+                    let whole = value as i32;
+                    values[k] = whole;
+                    let fits = f64::from(whole) == value;
+                    if fits { Ok(()) } else { Err(format!("{value} is no whole number of 32 bits")) }
+                }),
+                Call::SetReal(numbers, values) => self.set(binary, numbers, |k| values[k]),
+                Call::SetWhole(_, numbers, values) => self.set(binary, numbers, |k| f64::from(values[k])),
+                Call::SetString(number, text) => self.set_text(binary, number, text),
+                Call::DoStep { time, step } => self.do_step(binary.function::<DoStep>(function)?, time, step),
+                Call::DirectionalDerivative { unknowns, knowns, seed, result } => {
+                    let call = binary.function::<DirectionalDerivative>(function)?;
+                    self.directional_derivative(call, (unknowns, result), (knowns, seed))
+                }
+                Call::GetNumbers(_, numbers) => {
+                    Ok(binary.function::<GetNumbers>(function)?(component, numbers.as_mut_ptr(), numbers.len()))
+                }
+                Call::SetContinuousStates(states) => {
+                    Ok(binary.function::<SetNumbers>(function)?(component, states.as_ptr(), states.len()))
+                }
+                Call::SetTime(time) => Ok(binary.function::<SetTime>(function)?(component, time)),
+                Call::NewDiscreteStates(info) => self.update(binary.function::<Update>(function)?, info),
+                Call::CompletedIntegratorStep(asked) => {
+                    let [mut event, mut end] = [0; 2];
+                    let call = binary.function::<CompletedStep>(function)?;
+                    let answer = call(component, true, &raw mut event, &raw mut end);
+                    *asked = [event.into(), end.into()];
+                    Ok(answer)
+                }
+            }
+        }
+    }
+
+    /// One step, to its end: early return isn't allowed.
+    unsafe fn do_step(&self, call: DoStep, time: f64, step: f64) -> Result<Answer, String> {
+        let ([mut event, mut end, mut early], mut last) = ([0; 3], time);
+        // SAFETY: as of `call`.
+        let answer = unsafe {
+            call(self.component, time, step, true, &raw mut event, &raw mut end, &raw mut early, &raw mut last)
+        };
+        match answer {
+            OK | WARNING if end != 0 => Err("the FMU requested to end the simulation".to_owned()),
+            OK | WARNING if early != 0 => Err(format!("it returned early, at {last} s, though this was not allowed")),
+            answer => Ok(answer),
+        }
+    }
+
+    unsafe fn update(&self, call: Update, info: &mut EventInfo) -> Result<Answer, String> {
+        let ([mut needed, mut end, mut nominals, mut values, mut defined], mut time) = ([0; 5], 0.0);
+        // SAFETY: as of `call`.
+        let answer = unsafe {
+            let flags = (&raw mut needed, &raw mut end, &raw mut nominals, &raw mut values, &raw mut defined);
+            call(self.component, flags.0, flags.1, flags.2, flags.3, flags.4, &raw mut time)
+        };
+        *info = EventInfo {
+            new_discrete_states_needed: needed.into(),
+            terminate_simulation: end.into(),
+            nominals_changed: nominals.into(),
+            values_changed: values.into(),
+            next_event_time_defined: defined.into(),
+            next_event_time: time,
+        };
+        Ok(answer)
+    }
+
+    /// The array of an element, and its place there.
+    fn place(&self, number: u32) -> Result<(usize, usize), String> {
+        let after = self.firsts.partition_point(|&first| first <= number as usize);
+        // Of arrays without elements, none is the element's.
+        let array = after.checked_sub(1).ok_or_else(|| format!("there is no element {number}"))?;
+        let k = number as usize - self.firsts[array];
+        if k < self.arrays[array].count { Ok((array, k)) } else { Err(format!("there is no element {number}")) }
+    }
+
+    /// The arrays of elements, each once, by their types.
+    fn groups(&self, numbers: &[u32]) -> Result<Vec<Group>, String> {
+        let mut groups: Vec<Group> = Vec::new();
+        for &number in numbers {
+            let (array, _) = self.place(number)?;
+            let Array { of, count, .. } = self.arrays[array];
+            let place = groups.iter().position(|group| group.of == of).unwrap_or(groups.len());
+            if place == groups.len() {
+                groups.push(Group { of, arrays: Vec::new(), size: 0 });
+            }
+            let group = &mut groups[place];
+            if group.arrays.last() != Some(&array) && !group.arrays.contains(&array) {
+                group.arrays.push(array);
+                group.size += count;
+            }
+        }
+        Ok(groups)
+    }
+
+    fn references(&self, arrays: &[usize]) -> Vec<u32> {
+        arrays.iter().map(|&array| self.arrays[array].reference).collect()
+    }
+
+    /// The place of an element among the values of some arrays.
+    fn offset(&self, arrays: &[usize], (array, k): (usize, usize)) -> Option<usize> {
+        let before = arrays.iter().position(|&other| other == array)?;
+        Some(arrays[..before].iter().map(|&other| self.arrays[other].count).sum::<usize>() + k)
+    }
+
+    unsafe fn get(
+        &self,
+        binary: &Binary,
+        numbers: &[u32],
+        mut give: impl FnMut(usize, f64) -> Result<(), String>,
+    ) -> Result<Answer, String> {
+        let mut worst = OK;
+        for group in self.groups(numbers)? {
+            let references = self.references(&group.arrays);
+            // SAFETY: as of `call`.
+            let (answer, values) = unsafe { self.read(binary, group.of, &references, group.size)? };
+            worst = worst.max(answer);
+            if answer >= DISCARD {
+                return Ok(answer);
+            }
+            for (k, &number) in numbers.iter().enumerate() {
+                if let Some(offset) = self.offset(&group.arrays, self.place(number)?) {
+                    give(k, values[offset])?;
+                }
+            }
+        }
+        Ok(worst)
+    }
+
+    /// Values of all elements of some arrays of a type.
+    unsafe fn read(
+        &self,
+        binary: &Binary,
+        of: Type,
+        references: &[u32],
+        size: usize,
+    ) -> Result<(Answer, Vec<f64>), String> {
+        macro_rules! read {
+            ($type:ty, $name:literal, $number:expr) => {{
+                let mut values: Vec<$type> = vec![Default::default(); size];
+                // SAFETY: the type of the function is the standard's; both arrays have the lengths that are passed.
+                let answer = unsafe {
+                    let call = std::mem::transmute::<Symbol, Get<$type>>(needed(binary, $name)?);
+                    call(self.component, references.as_ptr(), references.len(), values.as_mut_ptr(), size)
+                };
+                (answer, values.into_iter().map($number).collect())
+            }};
+        }
+        Ok(match of {
+            Type::Float64 => {
+                let mut values = vec![0.0; size];
+                // SAFETY: likewise.
+                let answer = unsafe {
+                    let call = binary.function::<Get<f64>>(Function::GetReal)?;
+                    call(self.component, references.as_ptr(), references.len(), values.as_mut_ptr(), size)
+                };
+                (answer, values)
+            }
+            Type::Float32 => read!(f32, "fmi3GetFloat32", f64::from),
+            Type::Int8 => read!(i8, "fmi3GetInt8", f64::from),
+            Type::UInt8 => read!(u8, "fmi3GetUInt8", f64::from),
+            Type::Int16 => read!(i16, "fmi3GetInt16", f64::from),
+            Type::UInt16 => read!(u16, "fmi3GetUInt16", f64::from),
+            Type::Int32 => read!(i32, "fmi3GetInt32", f64::from),
+            Type::UInt32 => read!(u32, "fmi3GetUInt32", f64::from),
+            Type::Int64 | Type::Enumeration => read!(i64, "fmi3GetInt64", |value| value as f64),
+            Type::UInt64 => read!(u64, "fmi3GetUInt64", |value| value as f64),
+            Type::Boolean => read!(Flag, "fmi3GetBoolean", |value| f64::from(u8::from(value != 0))),
+            Type::String => return Err("texts can't be read".to_owned()),
+        })
+    }
+
+    unsafe fn set(&self, binary: &Binary, numbers: &[u32], value: impl Fn(usize) -> f64) -> Result<Answer, String> {
+        let mut worst = OK;
+        for group in self.groups(numbers)? {
+            let references = self.references(&group.arrays);
+            // SAFETY: as of `call`.
+            let mut values = unsafe { self.before(binary, &group)? };
+            for (k, &number) in numbers.iter().enumerate() {
+                if let Some(offset) = self.offset(&group.arrays, self.place(number)?) {
+                    values[offset] = value(k);
+                }
+            }
+            // SAFETY: likewise.
+            let answer = unsafe { self.write(binary, group.of, &references, &values)? };
+            worst = worst.max(answer);
+            if answer >= DISCARD {
+                return Ok(answer);
+            }
+            let (mut set, mut rest) = (self.set.borrow_mut(), &values[..]);
+            for &array in &group.arrays {
+                let (own, others) = rest.split_at(self.arrays[array].count);
+                (set[array], rest) = (Some(own.to_vec()), others);
+            }
+        }
+        Ok(worst)
+    }
+
+    /// Values of arrays before some of their elements are set: as they were set last, else as the instance has them.
+    unsafe fn before(&self, binary: &Binary, group: &Group) -> Result<Vec<f64>, String> {
+        let set = self.set.borrow();
+        let known = group.arrays.iter().map(|&array| set[array].as_deref()).collect::<Option<Vec<_>>>();
+        if let Some(known) = known {
+            return Ok(known.concat());
+        }
+        if group.arrays.iter().all(|&array| self.arrays[array].count == 1) {
+            return Ok(vec![0.0; group.size]);
+        }
+        // SAFETY: as of `call`.
+        let (answer, values) = unsafe { self.read(binary, group.of, &self.references(&group.arrays), group.size)? };
+        if answer >= DISCARD {
+            return Err("one element of an array was to be set, and the others can't be read".to_owned());
+        }
+        Ok(values)
+    }
+
+    /// Sets all elements of some arrays of a type.
+    unsafe fn write(&self, binary: &Binary, of: Type, references: &[u32], values: &[f64]) -> Result<Answer, String> {
+        macro_rules! write {
+            ($type:ty, $name:literal, $convert:expr) => {{
+                let values = values.iter().map($convert).collect::<Result<Vec<$type>, String>>()?;
+                // SAFETY: the type of the function is the standard's; both arrays have the lengths that are passed.
+                unsafe {
+                    let call = std::mem::transmute::<Symbol, Set<$type>>(needed(binary, $name)?);
+                    call(self.component, references.as_ptr(), references.len(), values.as_ptr(), values.len())
+                }
+            }};
+        }
+        Ok(match of {
+            Type::Float64 => {
+                // SAFETY: likewise.
+                unsafe {
+                    let call = binary.function::<Set<f64>>(Function::SetReal)?;
+                    call(self.component, references.as_ptr(), references.len(), values.as_ptr(), values.len())
+                }
+            }
+            Type::Float32 => write!(f32, "fmi3SetFloat32", |value: &f64| Ok(*value as f32)),
+            Type::Int8 => write!(i8, "fmi3SetInt8", |value| whole(*value, of)),
+            Type::UInt8 => write!(u8, "fmi3SetUInt8", |value| whole(*value, of)),
+            Type::Int16 => write!(i16, "fmi3SetInt16", |value| whole(*value, of)),
+            Type::UInt16 => write!(u16, "fmi3SetUInt16", |value| whole(*value, of)),
+            Type::Int32 => write!(i32, "fmi3SetInt32", |value| whole(*value, of)),
+            Type::UInt32 => write!(u32, "fmi3SetUInt32", |value| whole(*value, of)),
+            Type::Int64 | Type::Enumeration => write!(i64, "fmi3SetInt64", |value| whole(*value, of)),
+            Type::UInt64 => write!(u64, "fmi3SetUInt64", |value| whole(*value, of)),
+            Type::Boolean => write!(bool, "fmi3SetBoolean", |value: &f64| Ok(*value != 0.0)),
+            Type::String => return Err("a text can't be set to a number".to_owned()),
+        })
+    }
+
+    unsafe fn set_text(&self, binary: &Binary, number: u32, text: &str) -> Result<Answer, String> {
+        let (array, _) = self.place(number)?;
+        if self.arrays[array].count != 1 {
+            return Err("elements of arrays of texts can't be set".to_owned());
+        }
+        let text = CString::new(text.replace('\0', "")).unwrap_or_default();
+        let (reference, text) = (self.arrays[array].reference, text.as_ptr());
+        // SAFETY: as of `call`; the text lives until the call ends.
+        unsafe {
+            let call = binary.function::<Set<*const c_char>>(Function::SetString)?;
+            Ok(call(self.component, &raw const reference, 1, &raw const text, 1))
+        }
+    }
+
+    unsafe fn directional_derivative(
+        &self,
+        call: DirectionalDerivative,
+        (unknowns, result): (&[u32], &mut [f64]),
+        (knowns, seed): (&[u32], &[f64]),
+    ) -> Result<Answer, String> {
+        let all = |numbers: &[u32]| {
+            let mut arrays =
+                numbers.iter().map(|&number| Ok(self.place(number)?.0)).collect::<Result<Vec<_>, String>>()?;
+            arrays.sort_unstable();
+            arrays.dedup();
+            let size = arrays.iter().map(|&array| self.arrays[array].count).sum::<usize>();
+            Ok::<_, String>((arrays, size))
+        };
+        let ((of, size), (by, seeds)) = (all(unknowns)?, all(knowns)?);
+        let (mut whole_seed, mut whole) = (vec![0.0; seeds], vec![0.0; size]);
+        for (&known, seed) in knowns.iter().zip(seed) {
+            let offset = self.offset(&by, self.place(known)?);
+            offset.into_iter().for_each(|offset| whole_seed[offset] = *seed);
+        }
+        let (unknown, known) = (self.references(&of), self.references(&by));
+        // SAFETY: as of `call`.
+        let answer = unsafe {
+            let (seed, result) = (whole_seed.as_ptr(), whole.as_mut_ptr());
+            call(
+                self.component,
+                unknown.as_ptr(),
+                unknown.len(),
+                known.as_ptr(),
+                known.len(),
+                seed,
+                seeds,
+                result,
+                size,
+            )
+        };
+        for (&unknown, result) in unknowns.iter().zip(result) {
+            let offset = self.offset(&of, self.place(unknown)?);
+            offset.into_iter().for_each(|offset| *result = whole[offset]);
+        }
+        Ok(answer)
+    }
+}
+
+fn needed(binary: &Binary, name: &str) -> Result<Symbol, String> {
+    binary.symbol(name).ok_or_else(|| format!("its library doesn't export {name}"))
+}
+
+/// A number of a type that may not have it.
+fn whole<T: TryFrom<i64>>(value: f64, of: Type) -> Result<T, String> {
+    let number = Some(value as i64).filter(|whole| *whole as f64 == value);
+    number.and_then(|whole| T::try_from(whole).ok()).ok_or_else(|| format!("{value} is no {of:?}"))
+}
