@@ -57,8 +57,8 @@ pub(super) unsafe fn instantiate(
 /// What the library exports under a name of the standard must be that function, and the instance must be alive.
 pub(super) unsafe fn call(component: Component, binary: &Binary, call: Call<'_>) -> Result<Answer, String> {
     let function = call.function();
-    // SAFETY: the types are those that the standard gives the functions; references and values are as many as said
-    // (`Instance` sees to that), and texts outlive the calls.
+    // SAFETY: the types are those that the standard gives the functions; `Instance` passes as many values as
+    // references, and texts outlive the calls.
     unsafe {
         Ok(match call {
             Call::Plain(_) => binary.function::<Plain>(function)?(component),

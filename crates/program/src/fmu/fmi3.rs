@@ -105,8 +105,8 @@ impl Instance3 {
     /// What the library exports under a name of the standard must be that function, and the instance must be alive.
     pub unsafe fn call(&self, binary: &Binary, call: Call<'_>) -> Result<Answer, String> {
         let (component, function) = (self.component, call.function());
-        // SAFETY: the types are those that the standard gives the functions; there are as many references and values as is
-        // said, and texts outlive the calls.
+        // SAFETY: the types are those that the standard gives the functions; arrays have the lengths that are passed,
+        // and texts outlive the calls.
         unsafe {
             match call {
                 // Both in one call, where what this one gives is needed.

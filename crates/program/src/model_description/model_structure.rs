@@ -81,8 +81,9 @@ impl ModelStructure {
         for node in structure("ContinuousStateDerivative") {
             let derivatives = places(node)?;
             let state = node.attribute("valueReference").and_then(|derivative| state_of.get(derivative));
-            let of =
-                all.places(state.ok_or("modelDescription.xml: a derivative does not say of which state it is")?)?;
+            let of = all.places(
+                state.ok_or("modelDescription.xml: a ContinuousStateDerivative without the attribute derivative")?,
+            )?;
             if of.len() != derivatives.len() {
                 return Err("modelDescription.xml: a state and its derivative have different sizes".to_owned());
             }

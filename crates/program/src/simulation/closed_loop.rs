@@ -334,7 +334,7 @@ impl ClosedLoop {
         Ok(unsettled)
     }
 
-    /// Initialises all units; what there is to be told where values don't settle.
+    /// Initialises all units; a message where values don't settle.
     fn initialise(&mut self, start: f64, stop: f64) -> Result<Option<String>, Error> {
         self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
         let unsettled = self.hand_on(None)?;
@@ -346,7 +346,7 @@ impl ClosedLoop {
     }
 
     /// Hands outputs on until they stay, at most as often as there are units: then every value has gone round. Values that may
-    /// go round without a delay settle further, if they do; else there is something to be told.
+    /// go round without a delay settle further, if they do; else there is a message.
     fn hand_on(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
         let (mut before, mut rounds) = (Vec::new(), 0);
         while rounds < self.units.len() && !same_bits(&before, &self.row) {

@@ -8,7 +8,7 @@ use super::findings::{At, Findings, Lines};
 use crate::fmi2::calls::Standard;
 use crate::model_description::{ModelDescription, ModelStructure, Variable, xml};
 
-/// The version of the standard; what can't be told counts as FMI 2.0, whose checks say why.
+/// The version of the standard; where there is none, FMI 2.0, whose checks find that.
 pub(super) fn standard(text: &str) -> Standard {
     let document = xml::parse(text).ok();
     let version = document.as_ref().and_then(|document| document.root_element().attribute("fmiVersion"));
