@@ -1,6 +1,7 @@
 //! What instances allocate and hold, counted by an allocator of this program's own.
 
 mod allocation;
+mod fmi3;
 mod shared;
 
 use std::alloc::{GlobalAlloc, Layout, System};
