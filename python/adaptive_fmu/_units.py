@@ -101,7 +101,7 @@ def export(
     without: components to leave out of the loops of `composite`. The inputs that they drive become inputs of the single FMU.
     terminals: True to add terminalsAndIcons.xml, which some tools use to connect FMUs; tools with FMI Library 3 refuse such FMUs.
         Default: False.
-    fmi: version of FMI, 2 or 3; with 3 there are no C sources and no archives, and only other tools read the FMUs. Default: 2.
+    fmi: version of FMI, 2 or 3; with 3 there are no archives, and only other tools read the FMUs. Default: 2.
 
     Raises `Error` if an FMU, a description file or a loop does not exist or is refused, and `ArgumentError` for arguments that don't go
     together.
@@ -119,8 +119,8 @@ def export(
         )
     if fmi not in (2, 3):
         raise ArgumentError(f"fmi = {fmi!r} must be 2 or 3")
-    if fmi == 3 and (ssp or source or compile or platforms):
-        raise ArgumentError("fmi=3 writes no C sources and no archives: leave out ssp, source, compile and platforms, or fmi=3")
+    if fmi == 3 and ssp:
+        raise ArgumentError("fmi=3 writes no archives: leave out ssp, or fmi=3")
     request = ["export", f"--out={os.fspath(out)}", "--json"]
     for option, loops in (("--composite", composite), ("--ssp", ssp), ("--without", without)):
         request += [f"{option}={os.fspath(loop)}" for loop in loops]

@@ -27,8 +27,12 @@ class Fmu3:
 class Unit3:
     """An instance; values are arrays of numbers, by the names of variables."""
 
-    def __init__(self, fmu: Fmu3, exchange: bool = False, event_mode: bool = False, early_return: bool = False) -> None:
+    def __init__(
+        self, fmu: Fmu3, exchange: bool = False, event_mode: bool = False, early_return: bool = False, logging: bool | None = None
+    ) -> None:
+        """With `logging`, which is loggingOn, messages are kept; else FMPy prints them."""
         self.fmu = fmu
+        self.messages = list[tuple[int, str, str]]()
         kind = FMU3Model if exchange else FMU3Slave
         interface = fmu.about.modelExchange if exchange else fmu.about.coSimulation
         self.instance = kind(
@@ -38,8 +42,13 @@ class Unit3:
             instanceName="unit",
         )
         options = {} if exchange else {"eventModeUsed": event_mode, "earlyReturnAllowed": early_return}
+        if logging is not None:
+            options |= {"loggingOn": logging, "logMessage": self._log}
         self.instance.instantiate(**options)
         self.event_mode = event_mode or exchange
+
+    def _log(self, _environment: int, status: int, category: bytes, text: bytes) -> None:
+        self.messages.append((status, category.decode(), text.decode()))
 
     def __enter__(self) -> Self:
         return self

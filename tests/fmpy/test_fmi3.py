@@ -425,7 +425,7 @@ def test_what_is_refused_is_named(fmu3: Callable[[str], Fmu3], refused: Callable
 
 
 def test_an_fmu_takes_the_place_of_the_other_version_with_a_line(tmp_path: Path) -> None:
-    """And back; C sources, loops as archives and runs are of FMI 2.0."""
+    """And back; loops as archives and runs are of FMI 2.0."""
     for version, told in [
         ("2", ""),
         ("3", "was an FMU of FMI 2.0, and is one of FMI 3.0 now"),
@@ -436,11 +436,9 @@ def test_an_fmu_takes_the_place_of_the_other_version_with_a_line(tmp_path: Path)
         assert exported.returncode == 0
         assert told in exported.stderr if told else exported.stderr == ""
         assert fmpy.read_model_description(tmp_path / "NonlinearSiso.fmu").fmiVersion == f"{version}.0"
-    refused = adaptive_fmu("export", "--fmi", "3", "--source", "NonlinearSiso", "--out", tmp_path)
-    assert refused.returncode == 1 and "FMI 3.0 are exported without C sources" in refused.stderr
     of_3 = adaptive_fmu("export", "--fmi", "3", "NonlinearSiso", "--out", tmp_path / "3")
     assert of_3.returncode == 0
-    for arguments in ({"fmi": 5}, {"fmi": 3, "source": True}, {"fmi": 3, "ssp": "3.2.1-cosine"}):
+    for arguments in ({"fmi": 5}, {"fmi": 3, "ssp": "3.2.1-cosine"}):
         with pytest.raises(python.ArgumentError, match="fmi"):
             python.export("NonlinearSiso", out=tmp_path, **arguments)
     read = adaptive_fmu("info", tmp_path / "3" / "NonlinearSiso.fmu")

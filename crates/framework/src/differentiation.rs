@@ -61,6 +61,34 @@ fn is_in(ranges: &[Range<usize>], place: u32) -> bool {
     ranges.iter().any(|range| range.contains(&(place as usize)))
 }
 
+/// Adjoint derivatives as operations, where seeds are the leaves [`Leaf::Change`] of signals and rates.
+#[derive(Debug)]
+pub struct Adjoints {
+    /// The operations.
+    pub tape: Tape,
+    /// The result by each of the knowns.
+    pub nodes: Vec<Node>,
+    /// Places of inputs, of states, and of time.
+    pub knowns: Vec<usize>,
+}
+
+/// The adjoint derivatives from a recording that evaluates, with the place of time; none where it has iterations that depend on
+/// inputs or states.
+pub fn adjoints(variables: &Variables, time: usize, evaluate: Recording) -> Option<Adjoints> {
+    let Recording { mut tape, reals, .. } = evaluate;
+    let places = |sections: [Section; 2]| sections.into_iter().flat_map(|section| variables.reals(section));
+    let of_place = |tape: &mut Tape, place: usize| (reals[place], tape.leaf(Leaf::Change(place as u32)));
+    let wanted: Vec<_> =
+        places([Section::Signal, Section::Derivative]).map(|place| of_place(&mut tape, place)).collect();
+    let knowns: Vec<usize> = places([Section::Input, Section::State]).chain([time]).collect();
+    let leaf = |place: usize| if place == time { Leaf::Time } else { Leaf::Real(place as u32) };
+    let leaves: Vec<Node> = knowns.iter().map(|&place| tape.leaf(leaf(place))).collect();
+    let found = tape.adjoints(&wanted, &leaves)?;
+    let zero = tape.number(0.0);
+    let nodes = found.into_iter().map(|node| node.unwrap_or(zero)).collect();
+    Some(Adjoints { tape, nodes, knowns })
+}
+
 /// Seeds of signals and rates times their derivatives by inputs, states and time: the transposed of [`directional`].
 #[derive(Debug)]
 pub struct Adjoint {
@@ -72,17 +100,7 @@ pub struct Adjoint {
 impl Adjoint {
     /// From a recording that evaluates, with the place of time; none where it has iterations that depend on inputs or states.
     pub fn of(variables: &Variables, time: usize, evaluate: Recording) -> Option<Self> {
-        let Recording { mut tape, reals, .. } = evaluate;
-        let places = |sections: [Section; 2]| sections.into_iter().flat_map(|section| variables.reals(section));
-        let of_place = |tape: &mut Tape, place: usize| (reals[place], tape.leaf(Leaf::Change(place as u32)));
-        let wanted: Vec<_> =
-            places([Section::Signal, Section::Derivative]).map(|place| of_place(&mut tape, place)).collect();
-        let knowns: Vec<usize> = places([Section::Input, Section::State]).chain([time]).collect();
-        let leaf = |place: usize| if place == time { Leaf::Time } else { Leaf::Real(place as u32) };
-        let leaves: Vec<Node> = knowns.iter().map(|&place| tape.leaf(leaf(place))).collect();
-        let found = tape.adjoints(&wanted, &leaves)?;
-        let zero = tape.number(0.0);
-        let nodes: Vec<Node> = found.into_iter().map(|node| node.unwrap_or(zero)).collect();
+        let Adjoints { tape, nodes, knowns } = adjoints(variables, time, evaluate)?;
         Some(Adjoint { instructions: Instructions::of(&tape, &nodes), knowns })
     }
 

@@ -1,6 +1,6 @@
 //! Saving, restoring and serialising an instance.
 
-use super::calls::{Answer, Function, Refused};
+use super::calls::{Answer, Function, Refused, Standard};
 use super::instance::Instance;
 use super::snapshot::{self, Snapshot};
 
@@ -34,6 +34,9 @@ impl Instance {
         self.phase = saved.phase;
         self.stop_time = saved.stop_time;
         self.execution.log.clear();
+        if self.of.0 == Standard::Fmi3 {
+            self.execution.find_indicators();
+        }
         Ok(())
     }
 

@@ -188,7 +188,7 @@ impl Binaries {
             let refuse = refused(&binary.file);
             let mut archive = ZipArchive::new(Cursor::new(packed)).map_err(&refuse)?;
             let entry = archive.by_index_raw(0).map_err(&refuse)?;
-            let place = if is_3 { binary.platform.binary_in_3(name) } else { binary.platform.binary(name) };
+            let place = binary.platform.binary_of(standard, name);
             zip.raw_copy_file_rename(entry, place).map_err(&refuse)?;
             let other = binary.platform.other_binary(name).filter(|_| !is_3 && self.leave_free(&binary.platform));
             let Some(other) = other else { continue };

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::fmi2::build::TARGET;
-use crate::fmi2::calls::Standard;
+use crate::model::Standard;
 
 /// A platform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,14 +76,17 @@ impl Platform {
         KNOWN.iter().map(|(.., platform)| *platform)
     }
 
-    /// Where a library of this platform lies in an FMU of FMI 3.0.
-    pub fn binary_in_3(&self, name: &str) -> String {
+    /// Where a library of this platform lies in an FMU of a standard.
+    pub fn binary_of(&self, standard: Standard, name: &str) -> String {
+        if standard == Standard::Fmi2 {
+            return self.binary(name);
+        }
         let (processor, system) = self.target();
         let processor = if processor == "i686" { "x86" } else { processor };
         self.binary_in(&format!("{processor}-{system}"), name)
     }
 
-    /// Where a library of this platform lies in an FMU of this name.
+    /// Where a library of this platform lies in an FMU of FMI 2.0 of this name.
     pub fn binary(&self, name: &str) -> String {
         self.binary_in(self.folder, name)
     }

@@ -7,9 +7,9 @@ use super::archive::{self, Contents, Libraries};
 use super::library::Library;
 use super::platform::Platform;
 use super::{Source, compiler, describe};
-use crate::error::{Error, Invalid};
+use crate::error::Error;
 use crate::fmi2::describe::SourceUnit;
-use crate::fmi2::source::RUNTIME;
+use crate::fmi2::source::{RUNTIME, boundary};
 use crate::model::Standard;
 use crate::output;
 use crate::scratch::Scratch;
@@ -53,10 +53,6 @@ pub struct Content {
 pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Content) -> Result<PathBuf, Error> {
     let Content { form, terminals, standard } = content;
     let source = &source.of_standard(*standard)?;
-    if *form != Form::Generic && *standard == Standard::Fmi3 {
-        let reason = "FMUs of FMI 3.0 are exported without C sources: leave out --source and --compile, or --fmi 3";
-        return Err(Error::Argument(Invalid::because(reason)));
-    }
     if *form == Form::Generic {
         let (unit, build) = describe(source, library)?;
         let appearance = appearance(source, &unit, &build, *terminals)?;
@@ -68,7 +64,7 @@ pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Conte
     let source = with_designed(source, &designed)?;
     let (_, build) = describe(&source, library)?;
     let appearance = appearance(&source, &unit, &build, *terminals)?;
-    let sources = with_runtime(files);
+    let sources = with_runtime(files, *standard);
     let contents =
         Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &sources };
     let own = match form {
@@ -76,8 +72,8 @@ pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Conte
             return written(out, &contents, &Libraries::Common(library));
         }
         Form::Source { with_library: false } => Vec::new(),
-        Form::Compiled => compiled(&unit.name, &sources, &[Platform::own()], false)?,
-        Form::CompiledFor { platforms } => compiled(&unit.name, &sources, platforms, true)?,
+        Form::Compiled => compiled((&unit.name, *standard), &sources, &[Platform::own()], false)?,
+        Form::CompiledFor { platforms } => compiled((&unit.name, *standard), &sources, platforms, true)?,
     };
     written(out, &contents, &Libraries::Own(&own))
 }
@@ -91,8 +87,8 @@ fn written(out: &Path, contents: &Contents, libraries: &Libraries) -> Result<Pat
 }
 
 /// A unit's own files, with those that all units share.
-fn with_runtime(files: Vec<(String, String)>) -> Vec<(String, String)> {
-    let shared = RUNTIME.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+fn with_runtime(files: Vec<(String, String)>, standard: Standard) -> Vec<(String, String)> {
+    let shared = RUNTIME.iter().chain(boundary(standard)).map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
     files.into_iter().chain(shared).collect()
 }
 
@@ -109,7 +105,7 @@ fn with_designed(source: &Source, designed: &[String]) -> Result<Source, Error> 
 
 /// Libraries compiled from sources: their places in an FMU, and their bytes.
 fn compiled(
-    name: &str,
+    (name, standard): (&str, Standard),
     sources: &[(String, String)],
     platforms: &[Platform],
     portable: bool,
@@ -120,5 +116,5 @@ fn compiled(
         std::fs::write(&file, text).map_err(Error::file(&file))?;
     }
     let compile = |platform: &Platform| compiler::compile(folder.path(), *platform, portable);
-    platforms.iter().map(|platform| Ok((platform.binary(name), compile(platform)?))).collect()
+    platforms.iter().map(|platform| Ok((platform.binary_of(standard, name), compile(platform)?))).collect()
 }

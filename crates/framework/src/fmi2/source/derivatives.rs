@@ -3,7 +3,8 @@
 use super::Unit;
 use super::equations::{Head, Target, function};
 use super::expression::Kind;
-use crate::differentiation::{self, Directional, LARGEST_IN_C};
+use crate::differentiation::{self, Adjoints, Directional, LARGEST_IN_C};
+use crate::model::Standard;
 use crate::recording::{Method, Node};
 
 /// All of them.
@@ -19,7 +20,28 @@ pub(super) fn write(unit: &Unit) -> String {
         declaration: "static void unit_start_directional(real t, const real *v, const int *n, real *d)",
     };
     text += &directional(unit, &head, differentiation::start_directional(variables, unit.record(Method::Start)));
-    text + &jacobian(unit)
+    text += &jacobian(unit);
+    match unit.model.description().standard() {
+        Standard::Fmi2 => text,
+        Standard::Fmi3 => text + &adjoint(unit).unwrap_or_default(),
+    }
+}
+
+const ADJOINT: Head = Head {
+    what: "Adjoints: seeds d of signals and rates times their derivatives by inputs, by states and by time.",
+    declaration: "static void unit_adjoint(real t, const real *v, const int *n, const real *d, real *z)",
+};
+
+/// The adjoint derivatives, where they aren't too many operations and no iteration is in them.
+fn adjoint(unit: &Unit) -> Option<String> {
+    let (variables, time) = (unit.model.variables(), unit.model.time_place());
+    let Adjoints { tape, nodes, .. } = differentiation::adjoints(variables, time, unit.record(Method::Evaluate))?;
+    if tape.needed(&nodes).into_iter().filter(|needed| *needed).count() > LARGEST_IN_C {
+        return None;
+    }
+    let target = |(k, &node): (usize, &Node)| Target::result(format!("z[{k}] ="), node);
+    let targets: Vec<Target> = nodes.iter().enumerate().map(target).collect();
+    Some(format!("#define UNIT_HAS_ADJOINT\n{}", function(unit, &ADJOINT, &tape, &targets, &[])))
 }
 
 fn directional(unit: &Unit, head: &Head, Directional { mut tape, changes }: Directional) -> String {

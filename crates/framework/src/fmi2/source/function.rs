@@ -272,6 +272,10 @@ impl<'a> Function<'a> {
     /// Where an operation is needed; nothing where that is always.
     fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
         let guard = scope.blocks.guard(place);
+        // Conditions get names only where all that is asked for is known.
+        if guard.terms().any(|term| term.iter().all(|literal| waits(literal.0.index(), scope))) {
+            return None;
+        }
         let mut any: Option<Expression> = None;
         for term in guard.terms() {
             let mut all: Option<Expression> = None;

@@ -4,15 +4,17 @@ use std::fmt::Write;
 use std::ops::Range;
 
 use super::Unit;
+use super::fmi3::Tables;
 use super::message::quoted;
 use crate::fmi2::calls::Interface;
 use crate::fmi2::model_description::{guid, guid_text};
 use crate::fmi2::snapshot;
+use crate::model::Standard;
 use crate::recording::{Method, Note, Operation};
 use crate::system::{Section, Span, Variables};
 
 /// The version of what the runtime asks of a unit.
-const RUNTIME: u32 = 1;
+const RUNTIME: u32 = 2;
 
 /// Sections, with their names in C: where they begin, and how many there are.
 const SECTIONS: [(Section, &str, &str); Section::COUNT] = [
@@ -34,7 +36,9 @@ pub fn write(unit: &Unit) -> String {
         format!("/* {}: sizes and places. Generated; the runtime is the same for all units. */\n\n", name(unit));
     let mut define = |name: &str, value: &dyn std::fmt::Display| _ = writeln!(text, "#define {name} {value}");
     let guid = guid(model);
+    let standard = if model.description().standard() == Standard::Fmi3 { 3 } else { 2 };
     define("UNIT_RUNTIME", &RUNTIME);
+    define("UNIT_FMI", &standard);
     define("UNIT_NAME", &quoted(name(unit)));
     define("UNIT_GUID", &quoted(&guid_text(guid)));
     define("UNIT_IDENTITY", &identities(guid));
@@ -62,6 +66,9 @@ pub fn write(unit: &Unit) -> String {
     let filled = model.sparsity().pattern().map(|pattern| pattern.rows().map(|(left, right)| left.len() + right.len()));
     define("UNIT_SPARSE", &u8::from(filled.is_some()));
     define("UNIT_FILLED", &filled.map_or(0, Iterator::sum::<usize>));
+    if standard == 3 {
+        Tables::of(unit).sizes().into_iter().for_each(|(name, size)| define(name, &size));
+    }
     for (name, place) in places(unit) {
         define(&format!("AT_{name}"), &place.map_or(-1, |place| place as i64));
     }

@@ -8,6 +8,7 @@ pub(crate) mod blocks;
 mod derivatives;
 mod equations;
 pub(crate) mod expression;
+mod fmi3;
 pub(crate) mod function;
 mod header;
 mod message;
@@ -15,8 +16,9 @@ pub(crate) mod names;
 mod tables;
 
 use crate::error::Invalid;
+use crate::fmi2::fmi3::build_description;
 use crate::fmi2::logger;
-use crate::model::{Block, Model};
+use crate::model::{Block, Model, Standard};
 use crate::recording::{Leaf, Method, Node, Note, Operation, Recording};
 use crate::system::{MessageLog, Section, Variability, Variable, Variables};
 use equations::Target;
@@ -25,17 +27,25 @@ use message::Told;
 
 macro_rules! runtime {
     ($($name:literal)*) => {
-        /// The files that all units share: names and texts.
-        pub const RUNTIME: &[(&str, &str)] = &[$(($name, include_str!(concat!("runtime/", $name)))),*];
+        &[$(($name, include_str!(concat!("runtime/", $name)))),*]
     };
 }
 
-runtime!(
-    "access.c" "all.c" "calls.c" "choice.c" "chosen.c" "derivatives.c" "digits.c" "driver.c" "elimination.c" "events.c"
-    "exchange.c" "exchange_calls.c" "execution.c" "explicit.c" "failures.c" "fixed.c" "fmi2.c" "fmi2.h"
-    "indicators.c" "instance.h" "memory.c" "modes.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h"
-    "runtime.h" "spectrum.c" "stability.c" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
+/// The files that all units share: names and texts.
+pub const RUNTIME: &[(&str, &str)] = runtime!(
+    "access.c" "all.c" "both.c" "calls.c" "choice.c" "chosen.c" "derivatives.c" "digits.c" "driver.c" "elimination.c" "events.c"
+    "exchange.c" "exchange_calls.c" "execution.c" "explicit.c" "failures.c" "fixed.c" "indicators.c" "instance.h"
+    "memory.c" "modes.c" "numbers.h" "order_8.c" "problem.c" "problem.h" "real.h" "runtime.h" "spectrum.c" "stability.c"
+    "standard.h" "states.c" "stepping.c" "stiff.c" "text.c" "text.h"
 );
+
+/// The files that units of a standard have in addition.
+pub const fn boundary(standard: Standard) -> &'static [(&'static str, &'static str)] {
+    match standard {
+        Standard::Fmi2 => runtime!("fmi2.c" "fmi2.h"),
+        Standard::Fmi3 => runtime!("adjoint.c" "dependencies.c" "event_mode.c" "fmi3.c" "fmi3.h"),
+    }
+}
 
 /// A source file: its name and its text.
 pub type SourceFile = (String, String);
@@ -64,7 +74,11 @@ pub fn files(model: &Model) -> Result<Vec<SourceFile>, Invalid> {
     model.check_recorded()?;
     let unit = Unit::designed(model)?;
     let body = [tables::write(&unit), equations::write(&unit), derivatives::write(&unit)].concat();
-    Ok(vec![("unit.h".to_owned(), header::write(&unit)), ("unit.c".to_owned(), body)])
+    let mut files = vec![("unit.h".to_owned(), header::write(&unit)), ("unit.c".to_owned(), body)];
+    if model.description().standard() == Standard::Fmi3 {
+        files.push(("buildDescription.xml".to_owned(), build_description::xml(&model.description().name)));
+    }
+    Ok(files)
 }
 
 /// Which values of the block are parameters that the unit was designed with.

@@ -4,9 +4,10 @@ use std::fmt::Write;
 
 use super::Unit;
 use super::expression::number;
+use super::fmi3::Tables;
 use super::message::quoted;
 use crate::fmi2::access::{Access, References, Type};
-use crate::model::Model;
+use crate::model::{Model, Standard};
 use crate::system::{Data, Section};
 
 /// Entries in a line.
@@ -42,7 +43,11 @@ pub fn write(unit: &Unit) -> String {
     let ends = std::iter::once(0).chain(ends).map(|end| end.to_string());
     text += &list("int unit_columns[UNIT_STATES + 1]", ends);
     text += &list("int unit_rows[AT_LEAST_ONE(UNIT_NONZEROS)]", columns.iter().flatten().map(ToString::to_string));
-    text + &elimination(model)
+    text += &elimination(model);
+    match description.standard() {
+        Standard::Fmi2 => text,
+        Standard::Fmi3 => text + &Tables::of(unit).write(unit),
+    }
 }
 
 /// The pattern of the elimination, where that is worth it: in which order it takes rows and columns, and the places in each
@@ -63,7 +68,7 @@ fn elimination(model: &Model) -> String {
     [order, begin, right, filled].concat()
 }
 
-/// A constant array. One without elements has a zero in C.
+/// A constant array. One without elements has a zero in C, in all members.
 pub fn list(declaration: &str, entries: impl Iterator<Item = String>) -> String {
     let entries: Vec<String> = entries.collect();
     let mut text = format!("static const {declaration} = {{");
@@ -71,7 +76,10 @@ pub fn list(declaration: &str, entries: impl Iterator<Item = String>) -> String 
         let _ = write!(text, "{}{entry},", if k % IN_A_LINE == 0 { "\n    " } else { " " });
     }
     if entries.is_empty() {
-        let nothing = if declaration.starts_with("Output") { "{ 0, 0, R(0.0) }" } else { "0" };
+        let nothing = match declaration.split_once(' ') {
+            Some(("Output" | "Array" | "Dependent", _)) => "{ 0 }",
+            _ => "0",
+        };
         let _ = write!(text, "\n    {nothing}");
     }
     text + "\n};\n\n"
@@ -110,6 +118,10 @@ fn real_variables(unit: &Unit) -> String {
         let (Ok((_, can)), Data::Real { min, above_min, max, .. }) = (found, &element.variable.data) else { continue };
         let can = access(can);
         rows[place] = format!("{{ {}, {can}, {} }}", quoted(&element.name()), limits(*min, *above_min, *max));
+    }
+    if unit.model.description().standard() == Standard::Fmi3 {
+        let can = access(Access::Calculated { output: false });
+        rows[unit.model.time_place()] = format!("{{ \"time\", {can}, {} }}", limits(None, false, None));
     }
     table("RealVariable unit_real_variables[UNIT_REALS]", rows)
 }

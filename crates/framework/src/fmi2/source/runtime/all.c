@@ -1,12 +1,11 @@
 /* The unit: the only file that is compiled. Nothing but the functions of the standard has a name outside it. */
 
-#ifndef FMI2_STATIC_INSTANCES
+#include "runtime.h"
+#include "standard.h"
+#ifndef UNIT_STATIC_INSTANCES
 #include <stdlib.h>
 #include <time.h>
 #endif
-
-#include "fmi2.h"
-#include "runtime.h"
 #include "problem.h"
 #include "text.h"
 #include "instance.h"
@@ -42,4 +41,13 @@
 #include "stepping.c"
 #include "exchange_calls.c"
 #include "states.c"
+#include "both.c"
+
+#if UNIT_FMI == 3
+#include "event_mode.c"
+#include "dependencies.c"
+#include "adjoint.c"
+#include "fmi3.c"
+#else
 #include "fmi2.c"
+#endif

@@ -31,31 +31,33 @@ static void time_derivatives(Instance *instance) {
     unit_directional(point->v[AT_TIME], 1, point->v, point->n, changes);
 }
 
-/* Derivatives in the direction that gives each of the knowns the change in `seed`; in Initialization Mode those of the
- * start values. */
-static void directional_derivative(Instance *instance, const fmi2ValueReference knowns[], const double seed[],
-                                   size_t count) {
-    Block *point = begin_directions(instance);
-    real *changes = instance->changes;
-    for (size_t k = 0; k < count; k++) {
-        changes[knowns[k]] += (real)seed[k];
-    }
+/* Derivatives in the direction that `changes` has of inputs, states and time; in Initialization Mode those of the start values. */
+static void along_changes(Instance *instance, Block *point) {
     if (instance->phase != PHASE_INITIALIZATION) {
-        unit_directional(point->v[AT_TIME], 0, point->v, point->n, changes);
+        unit_directional(point->v[AT_TIME], instance->changes[AT_TIME], point->v, point->n, instance->changes);
         return;
     }
     copy_reals(point->v + FIRST_STATE, unit_start_reals + FIRST_STATE, UNIT_STATES);
     copy_reals(point->v + FIRST_DISCRETE, unit_start_reals + FIRST_DISCRETE, UNIT_DISCRETES);
     copy_integers(point->n + FIRST_INTEGER_DISCRETE, unit_start_integers + FIRST_INTEGER_DISCRETE,
                   UNIT_INTEGER_DISCRETES);
-    unit_start_directional(point->v[AT_TIME], point->v, point->n, changes);
+    unit_start_directional(point->v[AT_TIME], point->v, point->n, instance->changes);
 }
 
-static int lies_in(fmi2ValueReference place, int first, int count) {
+/* Derivatives in the direction that gives each of the knowns the change in `seed`. */
+static void directional_derivative(Instance *instance, Walk knowns, const double seed[]) {
+    Block *point = begin_directions(instance);
+    for (Reference known; next_value(&knowns, &known); seed++) {
+        instance->changes[known] += (real)*seed;
+    }
+    along_changes(instance, point);
+}
+
+static int lies_in(Reference place, int first, int count) {
     return (long long)place >= first && (long long)place < (long long)first + count;
 }
 
-static int check_known(Call *call, fmi2ValueReference known, double change) {
+static int check_known(Call *call, Reference known) {
     Value value;
     int is_input = lies_in(known, FIRST_INPUT, UNIT_INPUTS);
     if (!find(call, known, TYPE_REAL, &value)) {
@@ -65,45 +67,61 @@ static int check_known(Call *call, fmi2ValueReference known, double change) {
         const char *reason = " is not an input: in Initialization Mode the start has derivatives by inputs alone";
         return refused_value(call, value.name, reason);
     }
-    if (!is_input && !lies_in(known, FIRST_STATE, UNIT_STATES)) {
+    /* Time is a variable in FMI 3.0 only. */
+    if (!is_input && !lies_in(known, FIRST_STATE, UNIT_STATES) && known != AT_TIME) {
         return refused_value(call, value.name, " is neither an input nor a state");
-    }
-    if (!isfinite(real_of(change))) {
-        refused_value(call, value.name, " has the seed ");
-        text_number(&call->why, real_of(change));
-        text_add(&call->why, ", which must be finite");
-        return 0;
     }
     return 1;
 }
 
-static fmi2Status get_directional_derivative(Call *call, const fmi2ValueReference unknowns[], size_t unknown_count,
-                                             const fmi2ValueReference knowns[], size_t known_count,
-                                             const double seed[], double result[]) {
+static int check_unknown(Call *call, Reference unknown) {
     Value value;
-    for (size_t k = 0; k < unknown_count; k++) {
-        if (!find(call, unknowns[k], TYPE_REAL, &value)) {
-            return fmi2Error;
-        }
-        if (!is_calculated(&value)) {
-            refused_value(call, value.name, " is not calculated, so it has no derivative");
-            return fmi2Error;
+    if (!find(call, unknown, TYPE_REAL, &value)) {
+        return 0;
+    }
+    if (!is_calculated(&value)) {
+        return refused_value(call, value.name, " is not calculated, so it has no derivative");
+    }
+    if (unknown >= UNIT_REALS) {
+        return refused_value(call, value.name, " is an event indicator, whose derivatives aren't known");
+    }
+    return 1;
+}
+
+/* Refuses what has no derivative, and a seed that isn't finite; else brings the start up to date, where derivatives are those of
+ * the start. */
+static int begin_derivatives(Call *call, Walk unknowns, Walk knowns, Walk seeded, const double seed[]) {
+    for (Reference unknown; next_value(&unknowns, &unknown);) {
+        if (!check_unknown(call, unknown)) {
+            return 0;
         }
     }
-    for (size_t k = 0; k < known_count; k++) {
-        if (!check_known(call, knowns[k], seed[k])) {
-            return fmi2Error;
+    for (Reference known; next_value(&knowns, &known);) {
+        if (!check_known(call, known)) {
+            return 0;
         }
     }
-    if (call->instance->phase == PHASE_INITIALIZATION && !bring_up_to_date(call)) {
-        return fmi2Error;
+    for (Reference reference; next_value(&seeded, &reference); seed++) {
+        if (!isfinite(real_of(*seed))) {
+            refused_value(call, value_of(reference).name, " has the seed ");
+            text_number(&call->why, real_of(*seed));
+            text_add(&call->why, ", which must be finite");
+            return 0;
+        }
     }
-    directional_derivative(call->instance, knowns, seed, known_count);
-    return hand_out(call, call->instance->changes, "the derivative of ", unknowns, unknown_count, result);
+    return call->instance->phase != PHASE_INITIALIZATION || bring_up_to_date(call);
+}
+
+static Status get_directional_derivative(Call *call, Walk unknowns, Walk knowns, const double seed[], double result[]) {
+    if (!begin_derivatives(call, unknowns, knowns, knowns, seed)) {
+        return STATUS_ERROR;
+    }
+    directional_derivative(call->instance, knowns, seed);
+    return hand_out(call, call->instance->changes, "the derivative of ", unknowns, result);
 }
 
 /* Only first derivatives are supported. */
-static int check_order(Call *call, const char *name, int order) {
+static int check_order(Call *call, const char *name, Order order) {
     if (order == 1) {
         return 1;
     }
@@ -113,50 +131,22 @@ static int check_order(Call *call, const char *name, int order) {
     return 0;
 }
 
-static fmi2Status set_input_derivatives(Call *call, const fmi2ValueReference references[], size_t count,
-                                        const int orders[], const double values[]) {
-    for (size_t k = 0; k < count; k++) {
+static Status get_output_derivatives(Call *call, Walk wanted, const Order orders[], double values[]) {
+    Walk outputs = wanted;
+    size_t at = 0;
+    for (Reference reference; next_value(&outputs, &reference); at = outputs.at) {
         Value value;
-        if (!find(call, references[k], TYPE_REAL, &value)) {
-            return fmi2Error;
-        }
-        if (value.access != ACCESS_INPUT) {
-            refused_value(call, value.name, " is not an input");
-            return fmi2Error;
-        }
-        if (!check_order(call, value.name, orders[k])) {
-            return fmi2Error;
-        }
-        if (!isfinite(real_of(values[k]))) {
-            refused_value(call, value.name, ": ");
-            text_number(&call->why, real_of(values[k]));
-            text_add(&call->why, " must be a finite number");
-            return fmi2Error;
-        }
-    }
-#if UNIT_INPUTS > 0
-    for (size_t k = 0; k < count; k++) {
-        set_input_slope(call->instance, (int)references[k] - FIRST_INPUT, (real)values[k]);
-    }
-#endif
-    return fmi2OK;
-}
-
-static fmi2Status get_output_derivatives(Call *call, const fmi2ValueReference references[], size_t count,
-                                         const int orders[], double values[]) {
-    for (size_t k = 0; k < count; k++) {
-        Value value;
-        if (!find(call, references[k], TYPE_REAL, &value)) {
-            return fmi2Error;
+        if (!find(call, reference, TYPE_REAL, &value)) {
+            return STATUS_ERROR;
         }
         if (value.access != ACCESS_OUTPUT) {
             refused_value(call, value.name, " is not an output");
-            return fmi2Error;
+            return STATUS_ERROR;
         }
-        if (!check_order(call, value.name, orders[k])) {
-            return fmi2Error;
+        if (!check_order(call, value.name, orders[at])) {
+            return STATUS_ERROR;
         }
     }
     time_derivatives(call->instance);
-    return hand_out(call, call->instance->changes, "the derivative of ", references, count, values);
+    return hand_out(call, call->instance->changes, "the derivative of ", wanted, values);
 }

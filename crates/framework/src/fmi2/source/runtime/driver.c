@@ -234,7 +234,8 @@ static int integrate(Driver *driver, Problem *problem, real t0, real t1, const S
         if (!check_divergence(problem, t, error)) {
             return 0;
         }
-        if (state_event || time_event_due(&events, problem, t, t1)) {
+        int is_left = settings->leaves_end && t >= t1 && !state_event;
+        if (!is_left && (state_event || time_event_due(&events, problem, t, t1))) {
             if (!handle_events(driver, problem, t, t1, &events, state_event, error)) {
                 return 0;
             }

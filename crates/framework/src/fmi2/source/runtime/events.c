@@ -271,8 +271,8 @@ static int handle_events(Driver *driver, Problem *problem, real t, real t1, Even
     return 1;
 }
 
-static int driver_events_at(Driver *driver, Problem *problem, real t, int *any, StepError *error) {
-    EventCount events = count_from(t, rounding(t));
+static int driver_events_at(Driver *driver, Problem *problem, real t, real slack, int *any, StepError *error) {
+    EventCount events = count_from(t, larger(slack, rounding(t)));
     *any = jumped_at(driver, problem, t) || time_event_due(&events, problem, t, t);
     return *any ? handle_events(driver, problem, t, t, &events, 1, error) : 1;
 }
@@ -283,7 +283,7 @@ static int driver_settle(Driver *driver, Problem *problem, real t, StepError *er
     /* Nothing was known before, so nothing has crossed. */
     memset(kept(problem, 0), 0, KEPT_OF_INDICATORS * UNIT_INDICATORS * sizeof(real));
 #endif
-    return driver_events_at(driver, problem, t, &any, error);
+    return driver_events_at(driver, problem, t, R(0.0), &any, error);
 }
 
 static int driver_event_pending(Driver *driver, Problem *problem, real t) {

@@ -1,4 +1,5 @@
-/* An instance in model exchange: the master integrates, and asks for values at its own times, states and inputs. */
+/* An instance in model exchange: the master integrates, and asks for values at its own times, states and inputs. Its events are
+ * those of Event Mode in co-simulation, too. */
 
 static void swap_reals(real *a, real *b, int count) {
     for (int k = 0; k < count; k++) {
@@ -92,8 +93,8 @@ static int is_sound(Instance *instance) {
 }
 
 #if UNIT_INDICATORS > 0
-static void evaluate_indicators(Instance *instance, real *z) {
-    evaluate(instance);
+/* The event indicators of the values as they are. */
+static void find_indicators(Instance *instance, real *z) {
     Waiting waiting = begin_with_valid(&instance->block);
     unit_event_indicators(instance->block.v[AT_TIME], instance->block.v, instance->block.n, z);
     end_with_valid(&instance->block, waiting);
@@ -113,15 +114,10 @@ static void begin_event(Instance *instance) {
 
 /* Goes on in model exchange from the values that were just initialised. What is taken from inputs at the start was taken
  * there. */
-static int begin_model_exchange(Instance *instance, StepError *error) {
+static void begin_model_exchange(Instance *instance) {
     Block *block = &instance->block;
-    if (!check_equations(instance, STEP_INVALID, error)) {
-        return 0;
-    }
     block->n[AT_STARTED] = 1;
     block->v[AT_COMPLETED] = block->v[AT_TIME];
-    begin_event(instance);
-    return 1;
 }
 
 /* Sets an Integer or Boolean input between events: it waits for the next one, since within a step of the master's
@@ -154,9 +150,14 @@ static int check_point(Instance *instance, StepError *error) {
     return check_divergence(&problem, t, error) && check_values(instance, t, error);
 }
 
+/* A time event belongs to the present point if it lies at most this far behind it, s: masters add up their steps. */
+static real event_slack_of(const Instance *instance) {
+    return instance->interface == CO_SIMULATION ? EVENT_SLACK * instance->block.v[AT_LAST_STEP] : R(0.0);
+}
+
 static int bring_events(Instance *instance, int *any, StepError *error) {
     Problem problem = problem_of(instance, 0);
-    if (!driver_events_at(&instance->driver, &problem, instance->block.v[AT_TIME], any, error)) {
+    if (!driver_events_at(&instance->driver, &problem, instance->block.v[AT_TIME], event_slack_of(instance), any, error)) {
         return 0;
     }
     instance->fresh = 1;
@@ -182,7 +183,10 @@ static int update_discrete(Instance *instance, Update *update, StepError *error)
     if (!commit_parameters(instance, block->v[AT_TIME], &taken_over, error)) {
         return 0;
     }
-    if (!bring_events(instance, &update->changed, error)) {
+    /* Not every master sets inputs in Initialization Mode: what is taken from them at the start is taken in the first Event Mode,
+     * too. */
+    int starts = instance->interface == CO_SIMULATION && !block->n[AT_STARTED];
+    if ((starts && !initialise_states(instance, error)) || !bring_events(instance, &update->changed, error)) {
         *block = instance->saved;
         log_take_back(&instance->log, place);
         instance->fresh = 0;

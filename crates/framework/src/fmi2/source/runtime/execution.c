@@ -12,7 +12,7 @@ static void copy_integers(int *to, const int *from, int count) {
 /* Tells the system who integrates. */
 static void mark_stepped(Instance *instance) {
 #if AT_STEPPED >= 0
-    instance->block.n[AT_STEPPED] = instance->interface == fmi2CoSimulation;
+    instance->block.n[AT_STEPPED] = instance->interface == CO_SIMULATION;
 #endif
     instance->fresh = 0;
 }
@@ -54,9 +54,19 @@ static void set_integer(Instance *instance, int place, int value) {
     }
 }
 
+/* Whether events at the end of a communication step are the master's to handle. */
+static int leaves_events(const Instance *instance) {
+#if UNIT_FMI == 3
+    return instance->event_mode;
+#else
+    (void)instance;
+    return 0;
+#endif
+}
+
 static Settings settings_of(const Instance *instance) {
     const real *v = instance->block.v;
-    Settings settings = {METHOD_AUTOMATIC, 1, DEFAULT_TOLERANCE, v[AT_WORK_LIMIT]};
+    Settings settings = {METHOD_AUTOMATIC, 1, DEFAULT_TOLERANCE, v[AT_WORK_LIMIT], leaves_events(instance)};
     /* The master's tolerance may tighten the unit's own, never loosen it. */
     real asked = v[AT_TOLERANCE];
 #if AT_RELATIVE_TOLERANCE >= 0
@@ -172,7 +182,7 @@ static int commit_parameters(Instance *instance, real t, int *any, StepError *er
     if (!*any) {
         return 1;
     }
-    if (instance->logs_events) {
+    if (instance->logged[CATEGORY_EVENTS]) {
         tell(&instance->log, CATEGORY_EVENTS, "tunable parameters taken over at t = \1n s", &t, 1);
     }
     block->n[AT_PARAMETERS_SET] = 0;
@@ -269,18 +279,6 @@ static int initialise(Instance *instance, StepError *error) {
     instance->fresh = 1;
     return 1;
 }
-
-#if UNIT_INPUTS > 0
-/* Gives the rate of one input for the next step. */
-static void set_input_slope(Instance *instance, int input, real slope) {
-    Block *block = &instance->block;
-    if (!block->n[AT_SLOPES_GIVEN]) {
-        memset(block->v + AT_GIVEN_SLOPES, 0, UNIT_INPUTS * sizeof slope);
-        block->n[AT_SLOPES_GIVEN] = 1;
-    }
-    block->v[AT_GIVEN_SLOPES + input] = slope;
-}
-#endif
 
 /* True if an input has another value than in the communication step before. */
 static int inputs_moved(const Block *block) {
@@ -410,7 +408,7 @@ static int advance(Instance *instance, real t, real step, StepError *error) {
         return 0;
     }
     Chosen news;
-    if (take_news(&instance->driver.choices, &news) && instance->logs_events) {
+    if (take_news(&instance->driver.choices, &news) && instance->logged[CATEGORY_EVENTS]) {
         tell_method(&instance->log, place.count + (taken_over ? 1 : 0), &news);
     }
     return 1;

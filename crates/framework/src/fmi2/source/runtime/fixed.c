@@ -35,7 +35,8 @@ static int end_substep(Driver *driver, Problem *problem, real end, real t1, real
                        StepError *error) {
     EventCount events = count_from(end, slack);
     int crossed = crossed_at(driver, problem, end);
-    if (!crossed && !time_event_due(&events, problem, end, end)) {
+    int is_left = settings->leaves_end && end >= t1 && !crossed;
+    if (is_left || (!crossed && !time_event_due(&events, problem, end, end))) {
         return 1;
     }
     if (!handle_events(driver, problem, end, end, &events, crossed, error)) {

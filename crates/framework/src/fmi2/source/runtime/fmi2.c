@@ -1,18 +1,4 @@
-/* The functions of the standard. Each call passes the table of allowed calls, and ends with its messages.
- *
- * A call that computes does so in the default floating-point modes. Where the host's can't be set aside, division by zero, invalid
- * operations and overflow may be trapped: values that nobody asks for aren't computed. */
-
-/* Answers a call: nothing is done where it isn't allowed, or where a pointer that is needed is NULL. */
-#define ANSWER(c, function, pointers_given, answer)                           \
-    do {                                                                      \
-        Call call;                                                            \
-        fmi2Status status = fmi2Error;                                        \
-        if (call_begins(&call, (c), CALL_##function, (pointers_given) != 0)) { \
-            status = (answer);                                                \
-        }                                                                     \
-        return call_ends(&call, status);                                      \
-    } while (0)
+/* The functions of FMI 2.0, but for those that FMI 3.0 has, too (both.c). */
 
 FMI2_FUNCTION(const char *, fmi2GetTypesPlatform)(void) {
     return "default";
@@ -22,33 +8,8 @@ FMI2_FUNCTION(const char *, fmi2GetVersion)(void) {
     return "2.0";
 }
 
-/* Why an instance can't be made; NULL where it can. */
-static const char *check_instantiation(Text *why, fmi2String name, int type, fmi2String guid) {
-    if (name == NULL || name[0] == '\0') {
-        text_add(why, "fmi2Instantiate: instanceName is NULL or empty");
-    } else if (type != fmi2ModelExchange && type != fmi2CoSimulation) {
-        text_add(why, "fmi2Instantiate: fmuType = ");
-        text_integer(why, type);
-        text_add(why, " must be 0 (fmi2ModelExchange) or 1 (fmi2CoSimulation)");
-    } else if (guid == NULL) {
-        text_add(why, "fmi2Instantiate: fmuGUID is NULL");
-    } else if (strcmp(guid, UNIT_GUID) != 0) {
-        text_add(why, "fmi2Instantiate: the GUID `");
-        text_add(why, guid);
-        text_add(why, "` is not that of this unit, " UNIT_GUID ": modelDescription.xml and the sources don't belong "
-                      "together");
-    } else {
-        return NULL;
-    }
-    return why->at;
-}
-
-/* Tells the master why there is no instance. */
-static void tell_no_instance(const fmi2CallbackFunctions *functions, const char *name, const char *reason) {
-    if (functions->logger != NULL) {
-        functions->logger(functions->componentEnvironment, name != NULL ? name : "", fmi2Error,
-                          unit_categories[CATEGORY_ERROR], reason);
-    }
+static void log_to(const Master *master, const char *instance, Status status, int category, const char *text) {
+    master->logger(master->environment, instance, (fmi2Status)status, unit_categories[category], text);
 }
 
 FMI2_FUNCTION(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
@@ -58,41 +19,23 @@ FMI2_FUNCTION(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fm
     if (functions == NULL) {
         return NULL;
     }
-    char room[TEXT_ROOM];
-    Text text = text_in(room, sizeof room);
-    const char *reason = check_instantiation(&text, name, (int)type, guid);
-    Instance *instance = reason == NULL ? make_instance(functions, name) : NULL;
-    if (instance == NULL) {
-        tell_no_instance(functions, name, reason != NULL ? reason : "fmi2Instantiate: there is no memory for another instance");
+    const Master master = {functions->componentEnvironment, functions->logger, functions->allocateMemory,
+                           functions->freeMemory};
+    if (type != fmi2ModelExchange && type != fmi2CoSimulation) {
+        char room[TEXT_ROOM];
+        Text text = text_in(room, sizeof room);
+        text_add(&text, "fmuType = ");
+        text_integer(&text, (int)type);
+        text_add(&text, " must be 0 (fmi2ModelExchange) or 1 (fmi2CoSimulation)");
+        tell_no_instance(&master, "fmi2Instantiate", name, room);
         return NULL;
     }
-    instance->interface = type;
-    instance->phase = PHASE_INSTANTIATED;
-    instance->has_stop_time = 0;
-    instance->logs_events = logging != 0;
-    instance->points_differ = 0;
-    instance->salt = salt_of(instance);
-    unsigned host = host_modes_aside();
-    put_at_start(instance);
-    host_modes_back(host);
-    return instance;
+    Interface interface = type == fmi2CoSimulation ? CO_SIMULATION : MODEL_EXCHANGE;
+    return instantiate(&master, "fmi2Instantiate", interface, name, guid, logging != 0);
 }
 
 FMI2_FUNCTION(void, fmi2FreeInstance)(fmi2Component c) {
-    Instance *instance = c;
-    if (instance == NULL) {
-        return;
-    }
-    /* From the master's logger: the call that sends messages frees it when it ends. */
-    instance->is_freed = 1;
-    if (instance->sending == 0) {
-        release(instance);
-    }
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2SetDebugLogging)(fmi2Component c, fmi2Boolean on, size_t count,
-                                               const fmi2String categories[]) {
-    ANSWER(c, SetDebugLogging, has_elements(categories, count), set_debug_logging(&call, on, count, categories));
+    free_instance(c);
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2SetupExperiment)(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance,
@@ -100,66 +43,59 @@ FMI2_FUNCTION(fmi2Status, fmi2SetupExperiment)(fmi2Component c, fmi2Boolean tole
     ANSWER(c, SetupExperiment, 1, setup_experiment(&call, tolerance_defined, tolerance, start, stop_defined, stop));
 }
 
-static fmi2Status go_to(Call *call, Phase phase) {
-    call->instance->phase = phase;
-    return fmi2OK;
-}
-
 FMI2_FUNCTION(fmi2Status, fmi2EnterInitializationMode)(fmi2Component c) {
     ANSWER(c, EnterInitializationMode, 1, go_to(&call, PHASE_INITIALIZATION));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2ExitInitializationMode)(fmi2Component c) {
-    ANSWER(c, ExitInitializationMode, 1, exit_initialization_mode(&call));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2Terminate)(fmi2Component c) {
-    ANSWER(c, Terminate, 1, go_to(&call, PHASE_TERMINATED));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2Reset)(fmi2Component c) {
-    ANSWER(c, Reset, 1, reset(&call));
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetReal)(fmi2Component c, const fmi2ValueReference references[], size_t count,
                                        fmi2Real values[]) {
     ANSWER(c, GetReal, has_elements(references, count) && has_elements(values, count),
-           get_real(&call, references, count, values));
+           get_real(&call, walk_over(references, count), values));
+}
+
+static void put_whole(Function function, void *values, size_t k, int value) {
+    (void)function;
+    ((fmi2Integer *)values)[k] = value;
+}
+
+static int64_t whole_at(Function function, const void *values, size_t k) {
+    (void)function;
+    return ((const fmi2Integer *)values)[k];
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetInteger)(fmi2Component c, const fmi2ValueReference references[], size_t count,
                                           fmi2Integer values[]) {
     ANSWER(c, GetInteger, has_elements(references, count) && has_elements(values, count),
-           get_integer(&call, TYPE_INTEGER, references, count, values));
+           get_integer(&call, TYPE_INTEGER, walk_over(references, count), values));
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetBoolean)(fmi2Component c, const fmi2ValueReference references[], size_t count,
                                           fmi2Boolean values[]) {
     ANSWER(c, GetBoolean, has_elements(references, count) && has_elements(values, count),
-           get_integer(&call, TYPE_BOOLEAN, references, count, values));
+           get_integer(&call, TYPE_BOOLEAN, walk_over(references, count), values));
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2SetReal)(fmi2Component c, const fmi2ValueReference references[], size_t count,
                                        const fmi2Real values[]) {
     ANSWER(c, SetReal, has_elements(references, count) && has_elements(values, count),
-           set_real_values(&call, references, count, values));
+           set_real_values(&call, walk_over(references, count), values));
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2SetInteger)(fmi2Component c, const fmi2ValueReference references[], size_t count,
                                           const fmi2Integer values[]) {
     ANSWER(c, SetInteger, has_elements(references, count) && has_elements(values, count),
-           set_integer_values(&call, TYPE_INTEGER, references, count, values));
+           set_integer_values(&call, TYPE_INTEGER, walk_over(references, count), values));
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2SetBoolean)(fmi2Component c, const fmi2ValueReference references[], size_t count,
                                           const fmi2Boolean values[]) {
     ANSWER(c, SetBoolean, has_elements(references, count) && has_elements(values, count),
-           set_integer_values(&call, TYPE_BOOLEAN, references, count, values));
+           set_integer_values(&call, TYPE_BOOLEAN, walk_over(references, count), values));
 }
 
 /* No unit has a String. */
-static fmi2Status answer_strings(Call *call, size_t count) {
-    return count == 0 ? fmi2OK : refused(call, ": this unit has no variable of type String");
+static Status answer_strings(Call *call, size_t count) {
+    return count == 0 ? STATUS_OK : refused(call, ": this unit has no variable of type String");
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetString)(fmi2Component c, const fmi2ValueReference references[], size_t count,
@@ -174,40 +110,54 @@ FMI2_FUNCTION(fmi2Status, fmi2SetString)(fmi2Component c, const fmi2ValueReferen
     ANSWER(c, SetString, 1, answer_strings(&call, count));
 }
 
-FMI2_FUNCTION(fmi2Status, fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state) {
-    ANSWER(c, GetFMUstate, state != NULL, get_state(&call, state));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state) {
-    ANSWER(c, SetFMUstate, 1, set_state(&call, state));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state) {
-    ANSWER(c, FreeFMUstate, 1, free_state(&call, state));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    ANSWER(c, SerializedFMUstateSize, size != NULL, serialised_size(&call, state, size));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    ANSWER(c, SerializeFMUstate, has_elements(bytes, size),
-           serialise(&call, state, (unsigned char *)bytes, size));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size,
-                                                   fmi2FMUstate *state) {
-    ANSWER(c, DeSerializeFMUstate, has_elements(bytes, size) && state != NULL,
-           deserialise(&call, (const unsigned char *)bytes, size, state));
-}
-
 FMI2_FUNCTION(fmi2Status, fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueReference unknowns[],
                                                         size_t unknown_count, const fmi2ValueReference knowns[],
                                                         size_t known_count, const fmi2Real seed[], fmi2Real result[]) {
     ANSWER(c, GetDirectionalDerivative,
            has_elements(unknowns, unknown_count) && has_elements(result, unknown_count) &&
                has_elements(knowns, known_count) && has_elements(seed, known_count),
-           get_directional_derivative(&call, unknowns, unknown_count, knowns, known_count, seed, result));
+           get_directional_derivative(&call, walk_over(unknowns, unknown_count), walk_over(knowns, known_count), seed, result));
+}
+
+/* Gives rates of inputs for the next step. */
+static void set_input_slopes(Instance *instance, const Reference inputs[], size_t count, const double slopes[]) {
+#if UNIT_INPUTS > 0
+    Block *block = &instance->block;
+    if (count > 0 && !block->n[AT_SLOPES_GIVEN]) {
+        memset(block->v + AT_GIVEN_SLOPES, 0, UNIT_INPUTS * sizeof(real));
+        block->n[AT_SLOPES_GIVEN] = 1;
+    }
+    for (size_t k = 0; k < count; k++) {
+        block->v[AT_GIVEN_SLOPES + (int)inputs[k] - FIRST_INPUT] = (real)slopes[k];
+    }
+#else
+    (void)instance, (void)inputs, (void)count, (void)slopes;
+#endif
+}
+
+static Status set_input_derivatives(Call *call, const Reference references[], size_t count, const Order orders[],
+                                    const double values[]) {
+    for (size_t k = 0; k < count; k++) {
+        Value value;
+        if (!find(call, references[k], TYPE_REAL, &value)) {
+            return STATUS_ERROR;
+        }
+        if (value.access != ACCESS_INPUT) {
+            refused_value(call, value.name, " is not an input");
+            return STATUS_ERROR;
+        }
+        if (!check_order(call, value.name, orders[k])) {
+            return STATUS_ERROR;
+        }
+        if (!isfinite(real_of(values[k]))) {
+            refused_value(call, value.name, ": ");
+            text_number(&call->why, real_of(values[k]));
+            text_add(&call->why, " must be a finite number");
+            return STATUS_ERROR;
+        }
+    }
+    set_input_slopes(call->instance, references, count, values);
+    return STATUS_OK;
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2SetRealInputDerivatives)(fmi2Component c, const fmi2ValueReference references[],
@@ -222,7 +172,12 @@ FMI2_FUNCTION(fmi2Status, fmi2GetRealOutputDerivatives)(fmi2Component c, const f
                                                         size_t count, const fmi2Integer orders[], fmi2Real values[]) {
     ANSWER(c, GetRealOutputDerivatives,
            has_elements(references, count) && has_elements(orders, count) && has_elements(values, count),
-           get_output_derivatives(&call, references, count, orders, values));
+           get_output_derivatives(&call, walk_over(references, count), orders, values));
+}
+
+static Status do_step(Call *call, double point, double step) {
+    Status status = check_step(call, point, step);
+    return status == STATUS_OK ? take_step(call, point, step) : status;
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2DoStep)(fmi2Component c, fmi2Real point, fmi2Real step, fmi2Boolean no_set_prior) {
@@ -232,79 +187,65 @@ FMI2_FUNCTION(fmi2Status, fmi2DoStep)(fmi2Component c, fmi2Real point, fmi2Real 
 
 /* Never allowed. */
 FMI2_FUNCTION(fmi2Status, fmi2CancelStep)(fmi2Component c) {
-    ANSWER(c, CancelStep, 1, fmi2Error);
+    ANSWER(c, CancelStep, 1, STATUS_ERROR);
 }
 
 /* Nothing is ever pending: steps are never asynchronous. */
 FMI2_FUNCTION(fmi2Status, fmi2GetStatus)(fmi2Component c, fmi2StatusKind kind, fmi2Status *value) {
     (void)kind, (void)value;
-    ANSWER(c, GetStatus, 1, fmi2Discard);
+    ANSWER(c, GetStatus, 1, STATUS_DISCARD);
+}
+
+/* Time up to which values are valid; fmi2Discard where it is no number. */
+static Status get_last_successful_time(Call *call, double *value) {
+    real time = call->instance->block.v[AT_TIME];
+    if (!isfinite(time)) {
+        what_is_no_number(call, "the last successful time", NULL);
+        return no_number(call, time);
+    }
+    *value = (double)time;
+    return STATUS_OK;
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetRealStatus)(fmi2Component c, fmi2StatusKind kind, fmi2Real *value) {
     ANSWER(c, GetRealStatus, value != NULL,
-           kind == fmi2LastSuccessfulTime ? get_last_successful_time(&call, value) : fmi2Discard);
+           kind == fmi2LastSuccessfulTime ? get_last_successful_time(&call, value) : STATUS_DISCARD);
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetIntegerStatus)(fmi2Component c, fmi2StatusKind kind, fmi2Integer *value) {
     (void)kind, (void)value;
-    ANSWER(c, GetIntegerStatus, 1, fmi2Discard);
+    ANSWER(c, GetIntegerStatus, 1, STATUS_DISCARD);
 }
 
 /* A unit never asks to end the simulation. */
 FMI2_FUNCTION(fmi2Status, fmi2GetBooleanStatus)(fmi2Component c, fmi2StatusKind kind, fmi2Boolean *value) {
-    ANSWER(c, GetBooleanStatus, value != NULL, kind == fmi2Terminated ? (*value = fmi2False, fmi2OK) : fmi2Discard);
+    ANSWER(c, GetBooleanStatus, value != NULL, kind == fmi2Terminated ? (*value = fmi2False, STATUS_OK) : STATUS_DISCARD);
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetStringStatus)(fmi2Component c, fmi2StatusKind kind, fmi2String *value) {
     (void)kind, (void)value;
-    ANSWER(c, GetStringStatus, 1, fmi2Discard);
-}
-
-static fmi2Status enter_event_mode(Call *call) {
-    begin_event(call->instance);
-    return go_to(call, PHASE_EVENT);
+    ANSWER(c, GetStringStatus, 1, STATUS_DISCARD);
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2EnterEventMode)(fmi2Component c) {
     ANSWER(c, EnterEventMode, 1, enter_event_mode(&call));
 }
 
+static Status give_event_info(Call *call, fmi2EventInfo *info) {
+    Update update;
+    if (new_discrete_states(call, &update) != STATUS_OK) {
+        return STATUS_ERROR;
+    }
+    /* Other units may answer to outputs that have jumped; their answer is another update's. */
+    info->newDiscreteStatesNeeded = update.changed;
+    info->terminateSimulation = fmi2False;
+    info->nominalsOfContinuousStatesChanged = fmi2False;
+    info->valuesOfContinuousStatesChanged = update.states_jumped;
+    info->nextEventTimeDefined = isfinite(update.next_event) != 0;
+    info->nextEventTime = isfinite(update.next_event) ? (double)update.next_event : 0.0;
+    return STATUS_OK;
+}
+
 FMI2_FUNCTION(fmi2Status, fmi2NewDiscreteStates)(fmi2Component c, fmi2EventInfo *info) {
-    ANSWER(c, NewDiscreteStates, info != NULL, new_discrete_states(&call, info));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2EnterContinuousTimeMode)(fmi2Component c) {
-    ANSWER(c, EnterContinuousTimeMode, 1, enter_continuous_time_mode(&call));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2CompletedIntegratorStep)(fmi2Component c, fmi2Boolean no_set_prior,
-                                                       fmi2Boolean *enter_event_mode_now, fmi2Boolean *terminate) {
-    (void)no_set_prior;
-    ANSWER(c, CompletedIntegratorStep, enter_event_mode_now != NULL && terminate != NULL,
-           completed_integrator_step(&call, enter_event_mode_now, terminate));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2SetTime)(fmi2Component c, fmi2Real time) {
-    ANSWER(c, SetTime, 1, set_time(&call, time));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2SetContinuousStates)(fmi2Component c, const fmi2Real states[], size_t count) {
-    ANSWER(c, SetContinuousStates, has_elements(states, count), set_continuous_states(&call, states, count));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2GetDerivatives)(fmi2Component c, fmi2Real derivatives[], size_t count) {
-    ANSWER(c, GetDerivatives, has_elements(derivatives, count), get_derivatives(&call, derivatives, count));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2GetEventIndicators)(fmi2Component c, fmi2Real indicators[], size_t count) {
-    ANSWER(c, GetEventIndicators, has_elements(indicators, count), get_event_indicators(&call, indicators, count));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2GetContinuousStates)(fmi2Component c, fmi2Real states[], size_t count) {
-    ANSWER(c, GetContinuousStates, has_elements(states, count), get_continuous_states(&call, states, count));
-}
-
-FMI2_FUNCTION(fmi2Status, fmi2GetNominalsOfContinuousStates)(fmi2Component c, fmi2Real nominals[], size_t count) {
-    ANSWER(c, GetNominalsOfContinuousStates, has_elements(nominals, count), get_nominals(&call, nominals, count));
+    ANSWER(c, NewDiscreteStates, info != NULL, give_event_info(&call, info));
 }

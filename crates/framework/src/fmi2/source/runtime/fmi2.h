@@ -17,6 +17,17 @@
 #define FMI2_NAME(name) name
 #endif
 
+/* The names that these have in sources of either standard. */
+#ifdef FMI2_STATIC_INSTANCES
+#define UNIT_STATIC_INSTANCES FMI2_STATIC_INSTANCES
+#endif
+#ifdef FMI2_STATIC_STATES
+#define UNIT_STATIC_STATES FMI2_STATIC_STATES
+#endif
+#ifdef FMI2_STATIC_NAME
+#define UNIT_STATIC_NAME FMI2_STATIC_NAME
+#endif
+
 #ifndef FMI2_Export
 #if defined(FMI2_HAS_PREFIX)
 #define FMI2_Export

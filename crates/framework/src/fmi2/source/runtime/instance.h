@@ -3,23 +3,23 @@
 #ifndef ADAPTIVE_FMU_INSTANCE_H
 #define ADAPTIVE_FMU_INSTANCE_H
 
-/* With FMI2_STATIC_INSTANCES: how many states each instance may save, and bytes of its name. */
-#ifndef FMI2_STATIC_STATES
-#define FMI2_STATIC_STATES 1
+/* With UNIT_STATIC_INSTANCES: how many states each instance may save, and bytes of its name. */
+#ifndef UNIT_STATIC_STATES
+#define UNIT_STATIC_STATES 1
 #endif
-#ifndef FMI2_STATIC_NAME
-#define FMI2_STATIC_NAME 64
+#ifndef UNIT_STATIC_NAME
+#define UNIT_STATIC_NAME 64
 #endif
 
 /* The state of an instance. */
 typedef enum {
-    PHASE_INSTANTIATED,    /* after fmi2Instantiate or fmi2Reset */
-    PHASE_INITIALIZATION,  /* between fmi2EnterInitializationMode and fmi2ExitInitializationMode */
-    PHASE_EVENT,           /* model exchange: at an event, or right after initialisation */
+    PHASE_INSTANTIATED,    /* after instantiation, or a reset */
+    PHASE_INITIALIZATION,  /* Initialization Mode */
+    PHASE_EVENT,           /* Event Mode: at an event, or right after initialisation; in FMI 2.0 in model exchange only */
     PHASE_CONTINUOUS_TIME, /* model exchange: being integrated by the master */
-    PHASE_STEP_COMPLETE,   /* co-simulation: initialised; the last step, if any, is complete */
+    PHASE_STEP_COMPLETE,   /* co-simulation: initialised; the last step, if any, is complete. Step Mode in FMI 3.0 */
     PHASE_STEP_FAILED,     /* co-simulation: the last step was discarded */
-    PHASE_TERMINATED,      /* after fmi2Terminate */
+    PHASE_TERMINATED,      /* after the end */
     PHASE_ERROR,           /* a step or an event failed; values are those before it */
     PHASES
 } Phase;
@@ -70,26 +70,31 @@ typedef struct {
 #endif
     Log log;
 
-    fmi2Type interface;
+    Interface interface;
     Phase phase;
     int has_stop_time;
     double stop_time;
 
-    fmi2CallbackFunctions callbacks;
+    Master master;
     char *name;
-    int logs_events; /* whether debug messages are wanted */
+    unsigned char logged[UNIT_CATEGORIES]; /* log categories in which debug messages are wanted; in FMI 3.0 any but errors */
     int points_differ; /* whether it was logged that the master's communication points aren't the sums of its steps */
     int sending;     /* how many calls are sending messages: the master's logger may call in again */
     int is_freed;
     unsigned host_modes; /* of the floating-point unit, for the master's logger */
+#if UNIT_FMI == 3
+    int event_mode;   /* whether the master of a co-simulation handles events, in Event Mode, */
+    int early_return; /* and whether a step may end at one */
+    real indicators[AT_LEAST_ONE(UNIT_INDICATORS)]; /* as they were found last */
+#endif
 
     size_t salt; /* mixed into generations, so that a state of another instance isn't taken for one of its own */
     Slot *slots;
     size_t slot_count;
-#ifdef FMI2_STATIC_INSTANCES
-    Slot slot_room[FMI2_STATIC_STATES];
-    Snapshot snapshots[FMI2_STATIC_STATES];
-    char name_room[FMI2_STATIC_NAME];
+#ifdef UNIT_STATIC_INSTANCES
+    Slot slot_room[UNIT_STATIC_STATES];
+    Snapshot snapshots[UNIT_STATIC_STATES];
+    char name_room[UNIT_STATIC_NAME];
 #endif
 } Instance;
 

@@ -34,6 +34,7 @@ typedef struct {
     int fixed_steps;         /* substeps of METHOD_FIXED */
     real relative_tolerance; /* in each substep, relative to the larger of a state's magnitude and its nominal value */
     real most_work;          /* that a communication step may take, in elementary operations */
+    int leaves_end;          /* whether time events at its end are left for what comes after it */
 } Settings;
 
 /* A pair of eigenvalues, or a real one: its growth rate in 1/s, its frequency in rad/s. */
@@ -231,9 +232,9 @@ static int driver_advance(Driver *driver, Problem *problem, real t0, real t1, co
                           StepError *error);
 /* Handles events that are due at t, before anything is integrated. */
 static int driver_settle(Driver *driver, Problem *problem, real t, StepError *error);
-/* Handles the events at t: of indicators that changed sides since they were last known, and time events that are due.
- * The problem then stands evaluated. *any: whether there were any. */
-static int driver_events_at(Driver *driver, Problem *problem, real t, int *any, StepError *error);
+/* Handles the events at t: of indicators that changed sides since they were last known, and time events that are due, or lie
+ * so little behind it. The problem then stands evaluated. *any: whether there were any. */
+static int driver_events_at(Driver *driver, Problem *problem, real t, real slack, int *any, StepError *error);
 /* Takes over the sides on which the indicators of an evaluated problem are at t; whether one changed sides, which keeps
  * the side where it was, for the event that this is, or a time event is due. */
 static int driver_event_pending(Driver *driver, Problem *problem, real t);

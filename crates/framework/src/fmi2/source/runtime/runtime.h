@@ -44,6 +44,23 @@ typedef struct {
     real nominal;
 } Output;
 
+/* An array of FMI 3.0: its first element's place, integers behind the reals, and its rows and columns. */
+typedef struct {
+    int first;
+    int rows;
+    int columns;
+} Array;
+
+/* What an output, a state or a derivative depends on while a simulation runs, and at its start: so many places in a list, from the
+ * first on. */
+typedef struct {
+    int place;
+    int running;
+    int first_running;
+    int starts;
+    int first_start;
+} Dependent;
+
 /* Messages that the equations leave, until they are sent: the texts are constants with marks where numbers go. A mark is
  * the byte 1, then n (all digits), r (rounded for a person), e or f (with an exponent, or without) and for these two the
  * number of digits behind the point, as a digit. */

@@ -21,13 +21,13 @@ static Slot *make_slot(Instance *instance) {
 }
 
 /* The number of a slot's state: never 0, and never an address. */
-static fmi2FMUstate name_of_slot(const Instance *instance, const Slot *slot) {
+static void *name_of_slot(const Instance *instance, const Slot *slot) {
     size_t index = (size_t)(slot - instance->slots);
-    return (fmi2FMUstate)(uintptr_t)((slot->generation ^ instance->salt) << SLOT_BITS | (index + 1));
+    return (void *)(uintptr_t)((slot->generation ^ instance->salt) << SLOT_BITS | (index + 1));
 }
 
 /* The slot of a saved state; NULL, refused, where there is none of this name. */
-static Slot *find_slot(Call *call, fmi2FMUstate name) {
+static Slot *find_slot(Call *call, void *name) {
     Instance *instance = call->instance;
     size_t number = (size_t)(uintptr_t)name, index = (number & (((size_t)1 << SLOT_BITS) - 1)) - 1;
     if (index < instance->slot_count) {
@@ -40,49 +40,52 @@ static Slot *find_slot(Call *call, fmi2FMUstate name) {
     return NULL;
 }
 
-static fmi2Status refused_for_room(Call *call) {
+static Status refused_for_room(Call *call) {
     return refused(call, ": there is no room for another saved state: free some");
 }
 
-static fmi2Status get_state(Call *call, fmi2FMUstate *name) {
+static Status get_state(Call *call, void **name) {
     Instance *instance = call->instance;
     Slot *slot = *name != NULL ? find_slot(call, *name) : make_slot(instance);
     if (slot == NULL) {
-        return *name != NULL ? fmi2Error : refused_for_room(call);
+        return *name != NULL ? STATUS_ERROR : refused_for_room(call);
     }
     slot->saved->block = instance->block;
     slot->saved->phase = instance->phase;
     slot->saved->has_stop_time = instance->has_stop_time;
     slot->saved->stop_time = instance->stop_time;
     *name = name_of_slot(instance, slot);
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-static fmi2Status set_state(Call *call, fmi2FMUstate name) {
+static Status set_state(Call *call, void *name) {
     Instance *instance = call->instance;
     const Slot *slot = find_slot(call, name);
     if (slot == NULL) {
-        return fmi2Error;
+        return STATUS_ERROR;
     }
     instance->block = slot->saved->block;
     instance->phase = slot->saved->phase;
     instance->has_stop_time = slot->saved->has_stop_time;
     instance->stop_time = slot->saved->stop_time;
     instance->fresh = 0;
-    return fmi2OK;
+#if UNIT_FMI == 3 && UNIT_INDICATORS > 0
+    find_indicators(instance, instance->indicators);
+#endif
+    return STATUS_OK;
 }
 
-static fmi2Status free_state(Call *call, fmi2FMUstate *name) {
+static Status free_state(Call *call, void **name) {
     if (name == NULL || *name == NULL) {
-        return fmi2OK;
+        return STATUS_OK;
     }
     Slot *slot = find_slot(call, *name);
     if (slot == NULL) {
-        return fmi2Error;
+        return STATUS_ERROR;
     }
     forget(call->instance, slot);
     *name = NULL;
-    return fmi2OK;
+    return STATUS_OK;
 }
 
 /* A state as bytes: magic, version, checksum, identity, phase, stop time with its flag, the numbers of reals and of
@@ -135,18 +138,18 @@ typedef uint32_t RealBits;
 typedef uint64_t RealBits;
 #endif
 
-static fmi2Status serialised_size(Call *call, fmi2FMUstate name, size_t *size) {
+static Status serialised_size(Call *call, void *name, size_t *size) {
     if (find_slot(call, name) == NULL) {
-        return fmi2Error;
+        return STATUS_ERROR;
     }
     *size = SERIALISED_SIZE;
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-static fmi2Status serialise(Call *call, fmi2FMUstate name, unsigned char *bytes, size_t size) {
+static Status serialise(Call *call, void *name, unsigned char *bytes, size_t size) {
     const Slot *slot = find_slot(call, name);
     if (slot == NULL) {
-        return fmi2Error;
+        return STATUS_ERROR;
     }
     if (size < SERIALISED_SIZE) {
         text_add(why(call), ": ");
@@ -154,7 +157,7 @@ static fmi2Status serialise(Call *call, fmi2FMUstate name, unsigned char *bytes,
         text_add(&call->why, " bytes are given, ");
         text_integer(&call->why, SERIALISED_SIZE);
         text_add(&call->why, " needed");
-        return fmi2Error;
+        return STATUS_ERROR;
     }
     const Snapshot *saved = slot->saved;
     uint64_t stop_time = 0;
@@ -176,7 +179,7 @@ static fmi2Status serialise(Call *call, fmi2FMUstate name, unsigned char *bytes,
         put_bytes(bytes + OFFSET_INTEGERS + 4 * k, (uint32_t)saved->block.n[k], 4);
     }
     put_bytes(bytes + OFFSET_CHECKSUM, checksum(bytes + OFFSET_IDENTITY, SERIALISED_SIZE - OFFSET_IDENTITY), 4);
-    return fmi2OK;
+    return STATUS_OK;
 }
 
 static int integer_at(const unsigned char *bytes, int place) {
@@ -194,10 +197,10 @@ static double stop_time_of(const unsigned char *bytes) {
 }
 
 /* Whether an instance of this interface may be saved in a phase. */
-static int is_phase_of(fmi2Type interface, unsigned char phase) {
-    int is_exchange = phase == PHASE_EVENT || phase == PHASE_CONTINUOUS_TIME;
+static int is_phase_of(Interface interface, unsigned char phase) {
+    int is_exchange = (phase == PHASE_EVENT && UNIT_FMI == 2) || phase == PHASE_CONTINUOUS_TIME;
     int is_stepped = phase == PHASE_STEP_COMPLETE || phase == PHASE_STEP_FAILED;
-    return phase < PHASES && !(interface == fmi2CoSimulation ? is_exchange : is_stepped);
+    return phase < PHASES && !(interface == CO_SIMULATION ? is_exchange : is_stepped);
 }
 
 /* Refuses integers that no instance has. A parameter that waits to be taken over may be beyond its limits: it is refused
@@ -263,9 +266,9 @@ static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
     return reason == NULL && check_integers(call, bytes);
 }
 
-static fmi2Status deserialise(Call *call, const unsigned char *bytes, size_t size, fmi2FMUstate *name) {
+static Status deserialise(Call *call, const unsigned char *bytes, size_t size, void **name) {
     if (!check_bytes(call, bytes, size)) {
-        return fmi2Error;
+        return STATUS_ERROR;
     }
     Slot *slot = make_slot(call->instance);
     if (slot == NULL) {
@@ -283,5 +286,5 @@ static fmi2Status deserialise(Call *call, const unsigned char *bytes, size_t siz
         saved->block.n[k] = integer_at(bytes, k);
     }
     *name = name_of_slot(call->instance, slot);
-    return fmi2OK;
+    return STATUS_OK;
 }

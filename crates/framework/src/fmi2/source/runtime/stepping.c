@@ -9,9 +9,88 @@ static int is_category(const char *name) {
     return strcmp(name, "logAll") == 0;
 }
 
-/* Errors and warnings are always told; only debug messages can be chosen. */
-static fmi2Status set_debug_logging(Call *call, int on, size_t count, const fmi2String categories[]) {
-    int events = count == 0;
+/* Why an instance can't be made; NULL where it can. */
+static const char *check_instantiation(Text *why, const char *name, const char *token) {
+    if (name == NULL || name[0] == '\0') {
+        text_add(why, "instanceName is NULL or empty");
+    } else if (token == NULL) {
+        text_add(why, TOKEN_ARGUMENT " is NULL");
+    } else if (strcmp(token, UNIT_GUID) != 0) {
+        text_add(why, TOKEN " `");
+        text_add(why, token);
+        text_add(why, "` is not that of this unit, " UNIT_GUID ": modelDescription.xml and the sources don't belong "
+                      "together");
+    } else {
+        return NULL;
+    }
+    return why->at;
+}
+
+/* Tells the master why there is no instance. */
+static void tell_no_instance(const Master *master, const char *function, const char *name, const char *reason) {
+    char room[TEXT_ROOM];
+    Text text = text_in(room, sizeof room);
+    text_add(&text, function);
+    text_add(&text, ": ");
+    text_bytes(&text, reason, strlen(reason));
+    if (master->logger != NULL) {
+        log_to(master, name != NULL ? name : "", STATUS_ERROR, CATEGORY_ERROR, room);
+    }
+}
+
+/* Makes an instance; NULL where that can't be, and the master is told why. */
+static Instance *instantiate(const Master *master, const char *function, Interface interface, const char *name,
+                             const char *token, int logging) {
+    char room[TEXT_ROOM];
+    Text text = text_in(room, sizeof room);
+    const char *reason = check_instantiation(&text, name, token);
+    Instance *instance = reason == NULL ? make_instance(master, name) : NULL;
+    if (instance == NULL) {
+        tell_no_instance(master, function, name, reason != NULL ? reason : "there is no memory for another instance");
+        return NULL;
+    }
+    instance->interface = interface;
+    instance->phase = PHASE_INSTANTIATED;
+    instance->has_stop_time = 0;
+    memset(instance->logged, logging, sizeof instance->logged);
+    instance->points_differ = 0;
+    instance->salt = salt_of(instance);
+    unsigned host = host_modes_aside();
+    put_at_start(instance);
+    host_modes_back(host);
+    return instance;
+}
+
+/* Frees an instance, or has the call do so that sends it messages: from the master's logger. */
+static void free_instance(Instance *instance) {
+    if (instance == NULL) {
+        return;
+    }
+    instance->is_freed = 1;
+    if (instance->sending == 0) {
+        release(instance);
+    }
+}
+
+static int asks_for(const char *const categories[], size_t count, const char *name) {
+    int asks = count == 0;
+    for (size_t k = 0; k < count; k++) {
+        asks = asks || strcmp(categories[k], name) == 0 || strcmp(categories[k], "logAll") == 0;
+    }
+    return asks;
+}
+
+/* In FMI 2.0 those that aren't named are turned off; in FMI 3.0 they stay as they are. */
+static void choose_categories(Instance *instance, int on, size_t count, const char *const categories[]) {
+    for (int k = 0; k < UNIT_CATEGORIES; k++) {
+        int asked = asks_for(categories, count, unit_categories[k]);
+        if (asked || UNIT_FMI == 2) {
+            instance->logged[k] = on && asked;
+        }
+    }
+}
+
+static Status set_debug_logging(Call *call, int on, size_t count, const char *const categories[]) {
     for (size_t k = 0; k < count; k++) {
         if (categories[k] == NULL) {
             return refused(call, ": a pointer is NULL");
@@ -26,22 +105,21 @@ static fmi2Status set_debug_logging(Call *call, int on, size_t count, const fmi2
                 text_add(&call->why, known > 0 ? ", " : "");
                 text_add(&call->why, unit_categories[known]);
             }
-            return fmi2Error;
+            return STATUS_ERROR;
         }
-        events |= strcmp(categories[k], unit_categories[CATEGORY_EVENTS]) == 0 || strcmp(categories[k], "logAll") == 0;
     }
-    call->instance->logs_events = on && events;
-    return fmi2OK;
+    choose_categories(call->instance, on, count, categories);
+    return STATUS_OK;
 }
 
 /* Adds a refusal of up to three times. */
-static fmi2Status refused_times(Call *call, const char *reason, double first, double second, double third) {
+static Status refused_times(Call *call, const char *reason, double first, double second, double third) {
     real times[3] = {real_of(first), real_of(second), real_of(third)};
     text_marked(why(call), reason, times, 3);
-    return fmi2Error;
+    return STATUS_ERROR;
 }
 
-static fmi2Status setup_experiment(Call *call, int tolerance_defined, double tolerance, double start, int stop_defined,
+static Status setup_experiment(Call *call, int tolerance_defined, double tolerance, double start, int stop_defined,
                                    double stop) {
     Instance *instance = call->instance;
     if (tolerance_defined && !(isfinite(real_of(tolerance)) && tolerance > 0)) {
@@ -58,27 +136,50 @@ static fmi2Status setup_experiment(Call *call, int tolerance_defined, double tol
     put_at_time(instance, (real)start);
     instance->has_stop_time = stop_defined;
     instance->stop_time = stop_defined ? stop : 0;
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-static fmi2Status exit_initialization_mode(Call *call) {
+static Status go_to(Call *call, Phase phase) {
+    call->instance->phase = phase;
+    return STATUS_OK;
+}
+
+static Status enter_event_mode(Call *call) {
+    begin_event(call->instance);
+    return go_to(call, PHASE_EVENT);
+}
+
+static Status exit_initialization_mode(Call *call) {
     Instance *instance = call->instance;
-    int is_exchange = instance->interface == fmi2ModelExchange;
+    int is_exchange = instance->interface == MODEL_EXCHANGE;
+    int has_events = is_exchange || leaves_events(instance);
     StepError error;
-    if (!initialise(instance, &error) || (is_exchange && !begin_model_exchange(instance, &error))) {
+    if (!initialise(instance, &error) || (has_events && !check_equations(instance, STEP_INVALID, &error))) {
         text_add(why(call), ": ");
         tell_failure(call, &error);
-        return fmi2Error;
+        return STATUS_ERROR;
     }
-    instance->phase = is_exchange ? PHASE_EVENT : PHASE_STEP_COMPLETE;
-    return fmi2OK;
+    if (is_exchange) {
+        begin_model_exchange(instance);
+    }
+#if UNIT_FMI == 3 && UNIT_INDICATORS > 0
+    find_indicators(instance, instance->indicators);
+#endif
+    return has_events ? enter_event_mode(call) : go_to(call, PHASE_STEP_COMPLETE);
 }
 
-static fmi2Status reset(Call *call) {
+static Status terminate(Call *call) {
+    if (call->instance->phase == PHASE_EVENT) {
+        evaluate(call->instance);
+    }
+    return go_to(call, PHASE_TERMINATED);
+}
+
+static Status reset(Call *call) {
     put_at_start(call->instance);
     call->instance->phase = PHASE_INSTANTIATED;
     call->instance->has_stop_time = 0;
-    return fmi2OK;
+    return STATUS_OK;
 }
 
 /* How far a communication point may lie from a time: a part of the step, and the rounding of the time. */
@@ -95,12 +196,12 @@ static void log_adopted(Instance *instance, double point, double step) {
     instance->points_differ = 1;
     const real times[2] = {(real)point, (real)time};
     tell(&instance->log, CATEGORY_WARNING,
-         "fmi2DoStep: currentCommunicationPoint = \1n s, but the instance stands at t = \1n s. Up to 0.001 of the step "
+         FMI "DoStep: currentCommunicationPoint = \1n s, but the instance stands at t = \1n s. Up to 0.001 of the step "
          "the given point is taken, here and in later steps",
          times, 2);
 }
 
-static fmi2Status check_step(Call *call, double point, double step) {
+static Status check_step(Call *call, double point, double step) {
     const Instance *instance = call->instance;
     double time = (double)instance->block.v[AT_TIME];
     double last = time - (double)instance->block.v[AT_LAST_STEP];
@@ -122,22 +223,23 @@ static fmi2Status check_step(Call *call, double point, double step) {
         return refused_times(call, ": communicationStepSize = \1n is too small to change t = \1n s", step, point, 0);
     }
     if (instance->has_stop_time && point + step > instance->stop_time + slack) {
-        const char *reason = ": \1n s + \1n s goes beyond stopTime = \1n s, which fmi2SetupExperiment was given";
+        const char *reason = ": \1n s + \1n s goes beyond stopTime = \1n s, which " SETUP_EXPERIMENT " was given";
         return refused_times(call, reason, point, step, instance->stop_time);
     }
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-static fmi2Status failed_step(Call *call, const StepError *error, double point, double step) {
+static Status failed_step(Call *call, const StepError *error, double point, double step) {
     Instance *instance = call->instance;
-    fmi2Status status = fmi2Error;
+    Status status = STATUS_ERROR;
     if (error->kind == STEP_INVALID) {
         /* A smaller step would not start either, so this is never discarded. */
         instance->phase = PHASE_ERROR;
     } else if (error->kind != STEP_PARAMETERS) {
         int discards = instance->block.n[AT_ON_STEP_FAILURE] == ON_FAILURE_DISCARD;
-        instance->phase = discards ? PHASE_STEP_FAILED : PHASE_ERROR;
-        status = discards ? fmi2Discard : fmi2Error;
+        /* In FMI 3.0 a discarded step can be tried again, as if it had not been asked for. */
+        instance->phase = !discards ? PHASE_ERROR : UNIT_FMI == 3 ? PHASE_STEP_COMPLETE : PHASE_STEP_FAILED;
+        status = discards ? STATUS_DISCARD : STATUS_ERROR;
     } else {
         /* Refused parameters are as any refused argument: the instance can go on. */
     }
@@ -146,25 +248,12 @@ static fmi2Status failed_step(Call *call, const StepError *error, double point, 
     return status;
 }
 
-static fmi2Status do_step(Call *call, double point, double step) {
+/* A step that was checked, or a part of one. */
+static Status take_step(Call *call, double point, double step) {
     StepError error;
-    if (check_step(call, point, step) != fmi2OK) {
-        return fmi2Error;
-    }
     log_adopted(call->instance, point, step);
     if (!advance(call->instance, (real)point, (real)step, &error)) {
         return failed_step(call, &error, point, step);
     }
-    return fmi2OK;
-}
-
-/* Time up to which values are valid; fmi2Discard where it is no number. */
-static fmi2Status get_last_successful_time(Call *call, double *value) {
-    real time = call->instance->block.v[AT_TIME];
-    if (!isfinite(time)) {
-        what_is_no_number(call, "the last successful time", NULL);
-        return no_number(call, time);
-    }
-    *value = (double)time;
-    return fmi2OK;
+    return STATUS_OK;
 }

@@ -37,7 +37,7 @@ static void text_character(Text *text, char c) {
     static const char hexadecimal[] = "0123456789abcdef";
     unsigned char byte = (unsigned char)c;
     char escaped[] = {'\\', 'u', '{', hexadecimal[byte / 16], hexadecimal[byte % 16], '}'};
-    if (c == '%') {
+    if (c == '%' && UNIT_FMI == 2) {
         text_bytes(text, "%%", 2);
     } else if (c == '\n' || c == '\r' || c == '\t') {
         text_bytes(text, c == '\n' ? "\\n" : c == '\r' ? "\\r" : "\\t", 2);

@@ -3,8 +3,7 @@
 #ifndef ADAPTIVE_FMU_TEXT_H
 #define ADAPTIVE_FMU_TEXT_H
 
-/* A text for the master's logger. By the standard that is a format of printf, so a percent sign is written as two; and it
- * is one line, so control characters are escaped. What has no room is cut, with an ellipsis at its end. */
+/* A text for the master's logger. By FMI 2.0 that is a format of printf, so a percent sign is written as two; and it is one line, so control characters are escaped. What has no room is cut, with an ellipsis at its end. */
 typedef struct {
     char *at;
     size_t room;
