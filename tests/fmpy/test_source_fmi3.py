@@ -437,7 +437,7 @@ def test_cppcheck_finds_nothing(name: str, sources) -> None:
 
 
 @pytest.mark.parametrize("define", ["", "-DUNIT_STATIC_INSTANCES=2"])
-@pytest.mark.parametrize("name", ["NonlinearSiso", "L1SampledTwoLinkRobot", "ActuatorTwoLinkRobot"])
+@pytest.mark.parametrize("name", ["NonlinearSiso", "L1SampledNonlinearSiso", "Actuator"])
 def test_sanitizers_find_nothing_in_the_life_of_an_instance(name: str, define: str, sources, tmp_path) -> None:
     """Both interfaces, saved states, derivatives, dependences, and calls with what is refused (`one_unit_3.c`)."""
     folder, program = sources(name) / "sources", tmp_path / "program"

@@ -77,13 +77,13 @@ impl Execution {
         let time = self.time();
         let Derivation { block, changes, registers } = &mut self.derivation;
         let point = Given { time, step: 0.0, reals: &block.reals, integers: &block.integers, crossed: &[] };
-        // A state that is asked for changes as it changes itself.
-        let states = self.model.variables().reals(Section::State);
+        // A state that is asked for changes as it changes itself, and so does time.
+        let (states, of_time) = (self.model.variables().reals(Section::State), self.model.time_place());
         let mut results = vec![0.0; changes.len()];
         if let Some(adjoint) = self.model.adjoint() {
             adjoint.carry_out(&point, changes, registers, &mut results);
         }
-        let own = |known: usize| if states.contains(&known) { changes[known] } else { 0.0 };
+        let own = |known: usize| if states.contains(&known) || known == of_time { changes[known] } else { 0.0 };
         knowns.iter().map(|&known| results[known as usize] + own(known as usize)).collect()
     }
 

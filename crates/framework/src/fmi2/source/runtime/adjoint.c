@@ -33,10 +33,11 @@ static void adjoints_by_all(Instance *instance, Walk unknowns, const double seed
         changes[unknown] += (real)*seed;
     }
     unit_adjoint(point->v[AT_TIME], point->v, point->n, changes, results);
-    /* A state that is asked for changes as it changes itself. */
+    /* A state that is asked for changes as it changes itself, and so does time. */
     for (int k = 0; k < UNIT_STATES; k++) {
         results[ADJOINT_STATES + k] += changes[FIRST_STATE + k];
     }
+    results[ADJOINT_TIME] += changes[AT_TIME];
 }
 
 #endif
