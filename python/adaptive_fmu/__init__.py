@@ -26,6 +26,7 @@ from ._result import Result
 from ._studies import Explored, compare, explore, league, report, validate
 from ._sweep import Sweep
 from ._units import export, firmware, fmus, kinds, linearise, loops, new, simulate
+from ._verify import Verified, verify
 
 __all__ = [
     "ArgumentError",
@@ -43,6 +44,7 @@ __all__ = [
     "Result",
     "Sweep",
     "Tuned",
+    "Verified",
     "check",
     "compare",
     "design",
@@ -61,6 +63,7 @@ __all__ = [
     "report",
     "simulate",
     "validate",
+    "verify",
 ]
 
 try:

@@ -75,10 +75,10 @@ def require_unicode(*words: str) -> None:
 # Keyword arguments whose names differ from those of the options that they become.
 KEYWORDS = {"event": "events", "parameter": "parameters", "set": "values"}
 OPTION = re.compile(
-    r"--(amplitude|at|bandwidth|case|compile|composite|delay|event|fixed|fmus|force|free|generations|hold|hold-out|"
+    r"--(amplitude|at|at-most|bandwidth|case|compile|composite|confidence|delay|event|fixed|fmus|force|free|generations|hold|hold-out|"
     r"input|inputs|interface|kinds|level|margin|measured|metric|noise|offset|operating-point|order|out|output|"
-    r"outputs|parameter|particles|plant|platforms|record|reference|seed|separate|set|settling-time|signal|"
-    r"source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|up-to|values|"
+    r"outputs|parameter|particles|plant|platforms|record|reference|require|runs|seed|separate|set|settling-time|signal|"
+    r"source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|up-to|values|vary|vary-from|"
     r"want|windows|without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
 )
 

@@ -18,7 +18,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 /// Export adaptive controllers and their plants as FMUs (FMI 2.0), and simulate closed loops of FMUs.
 ///
 /// Exit codes: 0 (success), 1 (failure, with the reason on stderr), 2 (invalid arguments), 3 (a loop ran but a metric
-/// exceeds its limit, or a new or checked design or an FMU is not sound), 130 (a run was interrupted).
+/// exceeds its limit, a verification failed or is undecided, or a new or checked design or an FMU is not sound), 130 (a run was interrupted).
 ///
 /// Environment variables: NO_COLOR and CLICOLOR_FORCE control colours, ADAPTIVE_FMU_CACHE is the folder of the cache,
 /// CC is the C compiler of `export --compile`.
@@ -65,6 +65,8 @@ enum Command {
     League(command::league::Arguments),
     /// Show a closed loop in the browser, with sliders for its parameters and plots that update immediately
     Explore(command::explore::Arguments),
+    /// Verify a closed loop by random samples: how many runs fail, with a confidence, and which
+    Verify(Box<command::verify::Arguments>),
     /// Tune parameters of a closed loop by a particle swarm
     Tune(command::tune::Arguments),
     /// Identify a linear model of a plant from records, with the uncertainty that they leave
@@ -188,6 +190,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Report(arguments) => command::report::execute(&arguments),
         Command::League(arguments) => command::league::execute(&arguments),
         Command::Explore(arguments) => command::explore::execute(&arguments),
+        Command::Verify(arguments) => command::verify::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
         Command::Completions(arguments) => Ok(command::completions::execute(&arguments, &Arguments::command())),
         Command::Manual(arguments) => {

@@ -43,6 +43,7 @@ pub mod structure;
 pub mod tables;
 pub mod tuning;
 pub mod validation;
+pub mod verification;
 pub mod workers;
 
 pub use adaptive_fmu_framework as framework;

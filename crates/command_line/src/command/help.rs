@@ -6,13 +6,13 @@ use std::fmt::Write;
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Everyday", &["design", "new", "check", "run", "explore", "export"]),
     ("Data", &["identify", "simulate"]),
-    ("Comparison", &["compare", "sweep", "tune", "league"]),
+    ("Comparison", &["compare", "sweep", "verify", "tune", "league"]),
     ("FMUs", &["info", "validate", "linearise", "list"]),
     ("Results", &["report"]),
     ("Set-up", &["completions", "manual", "dist", "schema", "help"]),
 ];
 /// The options that `-h` shows of commands with many; `--help` shows all.
-const SUMMARIES: [(&str, &str); 12] = [
+const SUMMARIES: [(&str, &str); 13] = [
     ("design", "settling-time bandwidth output inputs uncertainty margin kinds reference noise out force"),
     ("new", "name plant data states inputs outputs bandwidth reference uncertainty out force"),
     ("run", "all again out tag step until case set event composite open"),
@@ -22,6 +22,7 @@ const SUMMARIES: [(&str, &str); 12] = [
     ("simulate", "input set event record until step interface tolerance compare out open"),
     ("compare", "out step until order case set event composite fmus open json"),
     ("sweep", "over out step until case set event composite force tag"),
+    ("verify", "vary vary-from require at-most confidence runs seed until case set event separate out force tag"),
     ("tune", "parameter metric square particles generations seed until case set out resume"),
     ("league", "only quick study list out resume force tag page open json"),
     ("linearise", "at steady-state free want hold set states step json"),

@@ -165,8 +165,13 @@ impl Counter {
 
     /// One more run is done.
     pub fn count(&self, message: &str) {
+        self.advance(1, message);
+    }
+
+    /// So many more runs are done.
+    pub fn advance(&self, count: usize, message: &str) {
         self.0.set_message(message.to_owned());
-        self.0.inc(1);
+        self.0.inc(count as u64);
         if console::serves() {
             let (done, runs) = (self.0.position(), self.0.length().unwrap_or(1));
             let told = format!("{done} of {runs} runs, {message}");

@@ -6,14 +6,13 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use adaptive_fmu::error::Error;
-use adaptive_fmu::exporter::Library;
-use adaptive_fmu::structure::composite as composite_of;
 use adaptive_fmu::structure::{LoopFiles, Settings, SquareTerm, Structure, TunedParameter, Tuning};
 use adaptive_fmu::tuning::{Best, Job, Motion, Objective, Outcome, Question, Range, Record, Search, Swarm, is_better};
 use adaptive_fmu::workers::employed;
 use adaptive_fmu::{output, parallel};
 
 use super::earlier::EarlierOptions;
+use super::form::Form;
 use super::loop_options::LoopOptions;
 use super::number::positive;
 use super::progress::{self, Bars, Counter};
@@ -125,7 +124,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(arguments.json);
     let files = LoopFiles::find(&arguments.name)?;
     arguments.options.check(&arguments.name)?;
-    let form = Form::of(arguments, &files)?;
+    let form = Form::of(&arguments.options, arguments.separate, &files, Some(SEARCH_TOLERANCE))?;
     let task = Task::new(arguments, &files, &form)?;
     if let Some(text) = &arguments.job {
         let Job { position, bound } = workers::job(text)?;
@@ -161,43 +160,6 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     write_results(&tuned)?;
     print(&tuned, arguments.json);
     Ok(if interrupted { ExitCode::from(progress::INTERRUPTED) } else { ExitCode::SUCCESS })
-}
-
-/// How runs of a search go.
-struct Form {
-    options: LoopOptions,
-    structure: Structure,
-    /// How the best values are run once more where the search chose a form of its own: as `run` does it.
-    verified: Option<(LoopOptions, Structure)>,
-}
-
-impl Form {
-    /// As one unit, fast, where nobody says otherwise and the loop can be one.
-    fn of(arguments: &Arguments, files: &LoopFiles) -> Result<Self, Error> {
-        let options = arguments.options.clone();
-        let structure = options.structure(files)?;
-        let LoopOptions { composite, fmus, order, accept_algebraic_loops, .. } = &options;
-        if arguments.separate || *composite || fmus.is_some() || order.is_some() || *accept_algebraic_loops {
-            return Ok(Form { options, structure, verified: None });
-        }
-        let as_one = LoopOptions { composite: true, ..options.clone() };
-        let mut whole = as_one.structure(files)?;
-        match composite_of(&whole, &Library::beside_program()?) {
-            Ok((_, notes)) => {
-                notes.iter().for_each(|note| remark!("{note} (use --separate to search with separate FMUs)"))
-            }
-            Err(reason) => {
-                remark!("searching with separate FMUs because the loop can't be simulated as a single FMU: {reason}");
-                return Ok(Form { options, structure, verified: None });
-            }
-        }
-        if whole.whole.is_empty() {
-            whole.set(&format!("relative_tolerance={SEARCH_TOLERANCE}"))?;
-        }
-        // What is of the whole alone, separate units don't know.
-        let verified = structure.whole.is_empty().then_some((options, structure));
-        Ok(Form { options: as_one, structure: whole, verified })
-    }
 }
 
 /// Searches in the loop with the parameter sets of --worst-of.

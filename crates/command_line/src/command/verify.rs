@@ -1,0 +1,196 @@
+//! `verify`: a closed loop with random samples, and a verdict with a confidence.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use adaptive_fmu::error::{Error, Invalid};
+use adaptive_fmu::structure::LoopFiles;
+use adaptive_fmu::verification::{
+    Asked, Batch, Ended, Outcome, Plan, Record, Requirement, Study, Summary, Tally, Vary, VaryFrom, Verdict,
+};
+use adaptive_fmu::workers::employed;
+use adaptive_fmu::{output, parallel};
+use serde_json::{Value, json};
+
+use super::earlier::EarlierOptions;
+use super::form::Form;
+use super::loop_options::LoopOptions;
+use super::progress::{self, Bars, Counter};
+use super::results::PAGE;
+use super::verified::{self, RESULT, SAMPLES};
+use super::workers;
+
+/// The outcomes so far, from which the same command goes on.
+const RUNS: &str = "runs.bin";
+/// They are written at most so often.
+const REST: Duration = Duration::from_secs(5);
+/// Exit code where the verdict isn't that the loop passes.
+const NOT_PASSED: u8 = 3;
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Loop of this package, or SSP: a folder with SystemStructure.ssd, an .ssd file, or an .ssp archive
+    #[arg(value_name = "LOOP")]
+    pub name: String,
+    /// Parameter or initial state and its distribution (repeatable).
+    ///
+    /// Distributions are ±30% (or +-30%; uniform about the present value), LOW..HIGH (uniform), LOW..HIGH/log (uniform
+    /// logarithm) and normal(MEAN,DEVIATION), cut at the variable's min and max. NAME is UNIT.variable, where UNIT is a
+    /// component; UNIT may be omitted if only one component has such a variable. event[N].time is the time of the Nth
+    /// --event.
+    #[arg(long, value_name = "NAME=DISTRIBUTION")]
+    vary: Vec<Vary>,
+    /// Draw A and B of a state-space component from what is known of the plant (repeatable).
+    ///
+    /// FILE is a model.json of `identify`, with the covariance that the records leave, or a controller's description
+    /// (.toml) with the uncertainty in its [nominal].
+    #[arg(long, value_name = "COMPONENT=FILE")]
+    vary_from: Vec<VaryFrom>,
+    /// Requirement of each run (repeatable) [default: the limits of the loop's metrics]
+    ///
+    /// LABEL is that of a metric, or `overshoot SIGNAL` (in parts of the step, or with %), `settling SIGNAL` or `rise
+    /// SIGNAL` (in s). `funnel` requires that no error leaves its funnel.
+    #[arg(long, value_name = "LABEL <= VALUE")]
+    require: Vec<Requirement>,
+    /// Largest failure rate that is allowed; the study ends as soon as it is decided
+    #[arg(long, value_name = "RATE")]
+    at_most: Option<f64>,
+    /// Confidence of the verdict and of the interval
+    #[arg(long, default_value_t = 0.95)]
+    confidence: f64,
+    /// Largest number of runs [default: 100/RATE with --at-most RATE, else 10000]
+    #[arg(long)]
+    runs: Option<u64>,
+    /// Seed of the random numbers; the same seed gives the same samples on any number of threads
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Use the same sensor noise in all runs [default: a different seed in each]
+    #[arg(long)]
+    same_noise: bool,
+    /// Simulate the components separately, at their communication step, as `run` does.
+    ///
+    /// By default the loop is one continuous system if possible. --fmus, --order and --accept-algebraic-loops also
+    /// select separate components.
+    #[arg(long, conflicts_with = "composite")]
+    separate: bool,
+    #[command(flatten)]
+    pub earlier: EarlierOptions,
+    /// Folder for results, which go to its subfolder LOOP-verified
+    #[arg(long, default_value = "results")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    options: LoopOptions,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub json: bool,
+    /// Make a batch of samples, as JSON
+    #[arg(long, hide = true)]
+    job: Option<String>,
+}
+
+/// A study with what its file holds in addition to the outcomes.
+pub struct Task {
+    pub study: Study,
+    pub plan: Plan,
+    /// Form of each run.
+    pub options: LoopOptions,
+    question: Value,
+}
+
+/// Makes the runs, and writes their results; also when the user interrupts.
+pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let bars = Bars::new(arguments.json);
+    let task = Task::new(arguments)?;
+    if let Some(text) = &arguments.job {
+        let batch: Batch = workers::job(text)?;
+        workers::reply(&task.study.batch(batch, &progress::is_interrupted));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let below = format!("{}-verified{}", task.study.structure().name, arguments.earlier.suffix());
+    let folder = arguments.out.join(&below);
+    output::check(&arguments.out, &below, &[RUNS, SAMPLES, RESULT, PAGE])?;
+    let file = folder.join(RUNS);
+    let known = arguments.earlier.left(&file, |file| Record::read(file, &task.question))?;
+    if let Some(known) = known.as_ref().filter(|_| !arguments.json) {
+        remark!("continuing with {} samples of an earlier call; use --force to start again", known.len());
+    }
+    let mut outcomes = known.unwrap_or_default();
+    output::make_folder(&arguments.out, &below)?;
+    let as_it_is = task.study.as_it_is(&progress::is_interrupted)?;
+    let ended = task.run(&mut outcomes, &file, &bars)?;
+    let Task { study, plan, options, .. } = &task;
+    let composite = options.composite;
+    let summary = Summary { study, plan, outcomes: &outcomes, ended: &ended, as_it_is: as_it_is.as_deref(), composite };
+    verified::write(&task, &summary, arguments, &below)?;
+    verified::print(&summary, &folder, arguments.json);
+    Ok(match (ended.interrupted, ended.verdict) {
+        (true, _) => ExitCode::from(progress::INTERRUPTED),
+        (_, Some(Verdict::Failed | Verdict::Undecided)) => ExitCode::from(NOT_PASSED),
+        _ => ExitCode::SUCCESS,
+    })
+}
+
+impl Task {
+    /// All names and values are checked before anything runs.
+    fn new(arguments: &Arguments) -> Result<Self, Error> {
+        let wrong = |reason: String| Error::Argument(Invalid::because(reason));
+        let plan = Plan::new(arguments.at_most, arguments.confidence, arguments.runs).map_err(wrong)?;
+        let files = LoopFiles::find(&arguments.name)?;
+        arguments.options.check(&arguments.name)?;
+        let Form { options, structure, .. } = Form::of(&arguments.options, arguments.separate, &files, None)?;
+        let settings = options.settings(&structure)?;
+        let (units, hosting) = (options.units(&structure)?, options.hosting.hosting()?);
+        let Arguments { vary, vary_from, require, same_noise, seed, .. } = arguments;
+        let (vary, vary_from, require) = (vary.clone(), vary_from.clone(), require.clone());
+        let asked = Asked { vary, vary_from, require, same_noise: *same_noise, seed: *seed };
+        // Where workers have the runs, the loop of none.
+        let threads = if employed().is_some() || arguments.job.is_some() { 1 } else { parallel::cores() };
+        let load = |structure: &_| units.load(structure, &hosting);
+        let study = Study::new(structure.clone(), settings, &asked, threads, load)?;
+        let run = options.provenance(&arguments.name, &files, &structure, settings, study.loaded())?;
+        let varied: Vec<_> = study.names().into_iter().zip(study.distributions()).collect();
+        let drawn = asked.vary_from.iter().map(|of| adaptive_fmu::sealed::checksum_of_file(&of.file));
+        let question = json!({
+            "varied": varied, "drawn": drawn.collect::<Result<Vec<_>, _>>()?, "requirements": study.limits().of,
+            "seed": seed, "same_noise": same_noise, "run": run,
+            // What a study only estimates may go on for longer.
+            "plan": plan.at_most().map(|_| &plan),
+        });
+        Ok(Task { study, plan, options, question })
+    }
+
+    /// Makes the runs that are missing.
+    fn run(&self, outcomes: &mut Vec<Outcome>, file: &Path, bars: &Bars) -> Result<Ended, Error> {
+        let name = &self.study.structure().name;
+        let known = outcomes.len();
+        let counter = Counter::new(bars, name, self.plan.runs() as usize, known);
+        let mut record = Record::new(&self.question);
+        let (mut next, mut counted) = (Instant::now(), known);
+        let write = |record: &mut Record, outcomes: &[Outcome]| {
+            let wrong = |reason| Error::Loop { file: file.to_owned(), reason };
+            record.add(outcomes).map_err(wrong)?;
+            record.write(file)
+        };
+        let done = |outcomes: &[Outcome], tally: &Tally| {
+            counter.advance(outcomes.len() - counted, &format!("{} failed", tally.failures));
+            counted = outcomes.len();
+            let begun = Instant::now();
+            if next <= begun {
+                write(&mut record, outcomes)?;
+                // A large study takes long to write: then it is written less often.
+                next = Instant::now() + REST.max(20 * begun.elapsed());
+            }
+            Ok(())
+        };
+        let workers = employed();
+        let ended = self.study.run(&self.plan, outcomes, workers.as_deref(), done, progress::is_interrupted);
+        counter.clear();
+        let ended = ended?;
+        // A shorter study than an earlier one takes none of its runs away.
+        if outcomes.len() >= known {
+            write(&mut Record::new(&self.question), outcomes)?;
+        }
+        Ok(ended)
+    }
+}

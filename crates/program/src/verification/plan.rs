@@ -1,0 +1,195 @@
+//! The number of runs of a study, when it looks at them, and its verdict.
+
+use serde::{Deserialize, Serialize};
+
+use super::binomial::{lower, upper};
+
+/// Runs of a study that has no rate to decide about.
+const USUAL_RUNS: u64 = 10_000;
+/// The most runs of a study.
+const MOST_RUNS: u64 = 100_000_000;
+/// Runs at which a study looks, in parts of 1/p.
+const LOOKS: [f64; 4] = [5.0, 10.0, 30.0, 100.0];
+
+/// The verdict on a rate of failure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The rate is below the one that is allowed.
+    Passed,
+    /// It is above.
+    Failed,
+    /// The runs don't decide it.
+    Undecided,
+}
+
+/// The plan of a study: it is fixed before the first run, so that the confidence is a true one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    at_most: Option<f64>,
+    confidence: f64,
+    /// Numbers of runs at which it looks, ascending; the last is that of all.
+    looks: Vec<u64>,
+}
+
+impl Plan {
+    /// A plan with a rate of failure that is allowed, or none, a confidence, and the most runs, where a user gives them.
+    ///
+    /// # Errors
+    /// For a rate or a confidence that isn't between 0 and 1, and for too many runs or none.
+    pub fn new(at_most: Option<f64>, confidence: f64, runs: Option<u64>) -> Result<Self, String> {
+        let is_part = |value: f64| value > 0.0 && value < 1.0;
+        if let Some(rate) = at_most.filter(|rate| !is_part(*rate)) {
+            return Err(format!("--at-most {rate}: must be above 0 and below 1"));
+        }
+        if !is_part(confidence) {
+            return Err(format!("--confidence {confidence}: must be above 0 and below 1"));
+        }
+        let planned = at_most.map(|rate| LOOKS.map(|look| (look / rate).ceil()));
+        if let Some([.., last]) = planned.filter(|looks| runs.is_none() && looks[3] > MOST_RUNS as f64) {
+            let rate = at_most.unwrap_or_default();
+            return Err(format!(
+                "--at-most {rate} may need {last:e} runs; at most {MOST_RUNS} are allowed. Choose a number with --runs"
+            ));
+        }
+        let most = planned.map_or(USUAL_RUNS, |looks| looks[3].min(u64::MAX as f64) as u64);
+        let most = if at_most.is_some() { runs.unwrap_or(most).min(most) } else { runs.unwrap_or(most) };
+        if !(1..=MOST_RUNS).contains(&most) {
+            return Err(format!("--runs {most}: must be within 1 … {MOST_RUNS}"));
+        }
+        let before = planned.into_iter().flatten().map(|look| look as u64).filter(|look| *look < most);
+        Ok(Plan { at_most, confidence, looks: before.chain([most]).collect() })
+    }
+
+    /// The rate of failure that is allowed; none where the study only estimates it.
+    pub fn at_most(&self) -> Option<f64> {
+        self.at_most
+    }
+
+    /// The confidence.
+    pub fn confidence(&self) -> f64 {
+        self.confidence
+    }
+
+    /// The most runs.
+    pub fn runs(&self) -> u64 {
+        self.looks.last().copied().unwrap_or(1)
+    }
+
+    /// The number of runs at which it looks next.
+    pub fn next_look(&self, runs: u64) -> Option<u64> {
+        self.looks.iter().copied().find(|look| *look > runs)
+    }
+
+    /// The verdict at a look; none where the study goes on. Each look may err by its share of what the confidence leaves.
+    pub fn verdict(&self, failures: u64, runs: u64) -> Option<Verdict> {
+        let rate = self.at_most.filter(|_| self.looks.contains(&runs))?;
+        let error = self.error();
+        if upper(failures, runs, error) < rate {
+            Some(Verdict::Passed)
+        } else if lower(failures, runs, error) > rate {
+            Some(Verdict::Failed)
+        } else {
+            (runs == self.runs()).then_some(Verdict::Undecided)
+        }
+    }
+
+    /// The bounds that a verdict goes by: the true rate is below the first, or above the second, with no more than the
+    /// probability that the confidence leaves.
+    pub fn bounds(&self, failures: u64, runs: u64) -> [f64; 2] {
+        [lower(failures, runs, self.error()), upper(failures, runs, self.error())]
+    }
+
+    /// The interval that holds the true rate with the confidence, wherever the study ended.
+    pub fn interval(&self, failures: u64, runs: u64) -> [f64; 2] {
+        let error = 0.5 * self.error();
+        [lower(failures, runs, error), upper(failures, runs, error)]
+    }
+
+    /// The part of all errors that one bound at one look may have.
+    fn error(&self) -> f64 {
+        (1.0 - self.confidence) / if self.at_most.is_some() { LOOKS.len() as f64 } else { 1.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::random::Random;
+    use super::*;
+
+    #[test]
+    fn looks_are_after_five_to_a_hundred_times_the_inverse_rate() {
+        let plan = Plan::new(Some(1e-4), 0.95, None).unwrap();
+        assert_eq!(plan.looks, [50_000, 100_000, 300_000, 1_000_000]);
+        assert_eq!(Plan::new(Some(1e-4), 0.95, Some(200_000)).unwrap().looks, [50_000, 100_000, 200_000]);
+        assert_eq!(Plan::new(Some(1e-2), 0.95, Some(1_000_000)).unwrap().runs(), 10_000);
+        assert_eq!(Plan::new(None, 0.95, None).unwrap().looks, [10_000]);
+        assert_eq!(plan.next_look(50_000), Some(100_000));
+        assert_eq!(plan.next_look(1_000_000), None);
+    }
+
+    #[test]
+    fn what_is_no_rate_no_confidence_or_too_much_is_refused() {
+        let refused = |at_most, confidence, runs| Plan::new(at_most, confidence, runs).unwrap_err();
+        assert!(refused(Some(0.0), 0.95, None).contains("--at-most 0"));
+        assert!(refused(Some(f64::NAN), 0.95, None).contains("--at-most NaN"));
+        assert!(refused(None, 1.0, None).contains("--confidence 1"));
+        assert!(refused(None, 0.95, Some(0)).contains("--runs 0"));
+        assert!(refused(Some(1e-9), 0.95, None).contains("--runs"));
+        assert_eq!(Plan::new(Some(1e-9), 0.95, Some(1000)).unwrap().looks, [1000]);
+    }
+
+    #[test]
+    fn no_failure_settles_at_the_first_look_and_many_do() {
+        let plan = Plan::new(Some(1e-4), 0.95, None).unwrap();
+        assert_eq!(plan.verdict(0, 50_000), Some(Verdict::Passed));
+        assert_eq!(plan.verdict(0, 49_999), None);
+        assert_eq!(plan.verdict(5, 50_000), None);
+        assert_eq!(plan.verdict(20, 50_000), Some(Verdict::Failed));
+        assert_eq!(plan.verdict(100, 1_000_000), Some(Verdict::Undecided));
+    }
+
+    /// A study of runs that fail with a known rate: its verdict, and its interval.
+    fn studied(plan: &Plan, rate: f64, seed: u64) -> (Option<Verdict>, [f64; 2]) {
+        let (mut failures, mut runs) = (0, 0);
+        while let Some(look) = plan.next_look(runs) {
+            let fails = |sample: &u64| Random { seed, sample: *sample }.uniform("run") < rate;
+            failures += (runs..look).filter(fails).count() as u64;
+            runs = look;
+            if let Some(verdict) = plan.verdict(failures, runs) {
+                return (Some(verdict), plan.interval(failures, runs));
+            }
+        }
+        (None, plan.interval(failures, runs))
+    }
+
+    #[test]
+    fn intervals_hold_the_known_rate_also_where_a_study_ends_early() {
+        for (at_most, runs, rate) in [
+            (None, 500, 0.1),
+            (None, 2000, 0.003),
+            (Some(0.02), 5000, 0.01),
+            (Some(0.02), 5000, 0.02),
+            (Some(0.02), 5000, 0.03),
+        ] {
+            let plan = Plan::new(at_most, 0.95, Some(runs)).unwrap();
+            let holds = |seed: &u64| {
+                let [low, high] = studied(&plan, rate, *seed).1;
+                low <= rate && rate <= high
+            };
+            let covered = (1..=100).filter(holds).count();
+            assert!(covered >= 90, "{covered} of 100 intervals hold {rate} with {at_most:?}");
+        }
+    }
+
+    #[test]
+    fn verdicts_are_wrong_no_more_often_than_the_confidence_leaves() {
+        let plan = Plan::new(Some(0.02), 0.9, None).unwrap();
+        let verdicts = |rate: f64| (1..=200).map(|seed| studied(&plan, rate, seed).0).collect::<Vec<_>>();
+        let count = |verdicts: &[Option<Verdict>], of| verdicts.iter().filter(|it| **it == Some(of)).count();
+        let (below, above) = (verdicts(0.019), verdicts(0.021));
+        assert!(count(&below, Verdict::Failed) <= 20 && count(&above, Verdict::Passed) <= 20);
+        let (well, badly) = (verdicts(0.005), verdicts(0.06));
+        assert!(count(&well, Verdict::Passed) >= 195 && count(&badly, Verdict::Failed) >= 195);
+    }
+}

@@ -1,0 +1,366 @@
+//! A study: a loop, what is varied in it, what it must meet, and its runs.
+
+use serde::{Deserialize, Serialize};
+
+use super::distribution::Vary;
+use super::outcome::{Limits, Outcome, Tally};
+use super::plan::{Plan, Verdict};
+use super::plant::{DrawnPlant, VaryFrom};
+use super::random::Random;
+use super::requirement::{Requirement, add_metrics, limits};
+use super::varied::{Sample, Varied, listed, timed};
+use crate::error::{Error, Invalid};
+use crate::figures::labelled;
+use crate::parallel;
+use crate::results::{Measured, Meter};
+use crate::simulation::{LoadedLoop, Recording};
+use crate::structure::{Event, Settings, Structure};
+use crate::workers::{Workers, results};
+
+/// Values that are recorded before metrics take them.
+const BLOCK: usize = 1 << 14;
+/// Samples that are made in a row by each thread, and by a worker.
+const ROW: u64 = 32;
+/// Batches that workers have at a time.
+const BATCHES: u64 = 32;
+/// Refused samples are counted after so many, and each time that there are ten times as many.
+const FIRST_COUNT: u64 = 1000;
+
+/// Wishes of a user.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Asked {
+    /// Quantities with their distributions.
+    pub vary: Vec<Vary>,
+    /// Plants that are drawn from what is known of them.
+    pub vary_from: Vec<VaryFrom>,
+    /// Requirements; the limits of the loop's metrics without any.
+    pub require: Vec<Requirement>,
+    /// True if all runs have the same noise.
+    pub same_noise: bool,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+/// Samples for a worker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Batch {
+    /// The first.
+    pub first: u64,
+    /// Their number.
+    pub count: u64,
+}
+
+/// The end of a study.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ended {
+    /// Its counts.
+    pub tally: Tally,
+    /// The verdict; none without a rate that is allowed, or where it was interrupted.
+    pub verdict: Option<Verdict>,
+    /// True if the user stopped it.
+    pub interrupted: bool,
+}
+
+/// A study of a loop.
+#[derive(Debug)]
+pub struct Study {
+    structure: Structure,
+    settings: Settings,
+    events: Vec<Event>,
+    varied: Varied,
+    seed: u64,
+    labels: Vec<String>,
+    limits: Limits,
+    /// One a thread: other tools' libraries may not allow two instances at work at a time.
+    loops: Vec<LoadedLoop>,
+}
+
+impl Study {
+    /// A study of a loop, by a function that loads it: as often as runs may go on at a time.
+    ///
+    /// # Errors
+    /// When a quantity or a requirement doesn't fit the loop.
+    pub fn new(
+        mut structure: Structure,
+        settings: Settings,
+        asked: &Asked,
+        threads: usize,
+        load: impl Fn(&Structure) -> Result<LoadedLoop, Error>,
+    ) -> Result<Self, Error> {
+        let wrong = |reason: String| Error::Argument(Invalid::because(reason));
+        if asked.vary.is_empty() && asked.vary_from.is_empty() {
+            return Err(wrong("nothing is varied: give --vary NAME=±30% or --vary-from COMPONENT=FILE".to_owned()));
+        }
+        let events = std::mem::take(&mut structure.events);
+        let first = load(&structure)?;
+        add_metrics(&asked.require, &mut structure, &first).map_err(wrong)?;
+        let first = first.recording(structure.signals());
+        let plants = asked.vary_from.iter().map(|of| DrawnPlant::new(of, &first)).collect::<Result<_, Error>>()?;
+        let varied = Varied::new(&first, &asked.vary, plants, &events, settings).map_err(wrong)?;
+        let varied = if asked.same_noise { varied } else { varied.with_noise(&first) };
+        let labels = Meter::new(&structure, &mut first.signals()).map_err(wrong)?.labels();
+        let of = limits(&asked.require, &structure, &first, &labels).map_err(wrong)?;
+        let place = |label: &String| labels.iter().position(|known| known == label).unwrap_or_default();
+        let limits = Limits { places: of.iter().map(|limit| place(&limit.label)).collect(), of };
+        let further = if first.can_be_multiplied() { threads.saturating_sub(1) } else { 0 };
+        let mut loops = vec![first];
+        for _ in 0..further {
+            loops.push(load(&structure)?);
+        }
+        Ok(Study { structure, settings, events, varied, seed: asked.seed, labels, limits, loops })
+    }
+
+    /// The loop.
+    pub fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    /// The loop as it was loaded.
+    pub fn loaded(&self) -> &LoadedLoop {
+        &self.loops[0]
+    }
+
+    /// Labels of all metrics.
+    pub fn labels(&self) -> &[String] {
+        &self.labels
+    }
+
+    /// The limits.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Names of what is varied.
+    pub fn names(&self) -> Vec<&str> {
+        self.varied.names().collect()
+    }
+
+    /// Distribution of each of it.
+    pub fn distributions(&self) -> Vec<String> {
+        self.varied.texts().collect()
+    }
+
+    /// True for each whose axis is logarithmic.
+    pub fn are_logarithmic(&self) -> Vec<bool> {
+        self.varied.are_logarithmic().collect()
+    }
+
+    /// The name of a variable with its unit of measurement.
+    pub(super) fn with_unit(&self, name: &str) -> String {
+        let unit = self.loaded().variable(name).and_then(|(_, variable)| variable.unit.clone());
+        labelled(name, unit.as_deref().filter(|unit| *unit != "1").unwrap_or_default())
+    }
+
+    /// The values of a sample, in the order of the names.
+    pub fn values(&self, sample: u64) -> Vec<f64> {
+        self.varied.values(self.random(sample))
+    }
+
+    /// The values of a sample in words.
+    pub fn described(&self, sample: u64) -> String {
+        let values = self.values(sample);
+        listed(&self.varied.names().zip(values).collect::<Vec<_>>())
+    }
+
+    /// Start values of a sample for a parameter set: name, type and text of each, seeds of noise included.
+    pub fn start_values(&self, sample: u64) -> Vec<(String, &'static str, String)> {
+        let (random, values) = (self.random(sample), self.values(sample));
+        let reals = self.varied.start_values(&values).chain(self.varied.constants());
+        let reals = reals.map(|(name, value)| (name.to_owned(), "Real", value.to_string()));
+        let seeds = self.varied.seeds(random).map(|(name, seed)| (name.to_owned(), "Integer", seed.to_string()));
+        reals.chain(seeds).collect::<Vec<_>>()
+    }
+
+    /// Seeds of noise of a sample.
+    pub fn seeds(&self, sample: u64) -> Vec<i32> {
+        self.varied.seeds(self.random(sample)).map(|(_, seed)| seed).collect()
+    }
+
+    /// The events that a user asks for, with the times of a sample, as the option has them.
+    pub fn events(&self, sample: u64) -> Vec<String> {
+        let values = self.values(sample);
+        let asked = self.events.iter().enumerate().filter(|(_, event)| event.origin.is_argument());
+        asked.map(|(k, event)| timed(event, self.varied.event_time(k, &values).unwrap_or(event.time))).collect()
+    }
+
+    fn random(&self, sample: u64) -> Random {
+        Random { seed: self.seed, sample }
+    }
+
+    /// Refuses requirements about metrics that the loop as it is doesn't have, since its references don't step; its metrics,
+    /// where it reaches its end.
+    ///
+    /// # Errors
+    /// The requirement.
+    pub fn as_it_is(&self, is_interrupted: &dyn Fn() -> bool) -> Result<Option<Vec<Option<f64>>>, Error> {
+        let Some((outcome, measured)) = self.run_one(&self.loops[0], &self.varied.nominal(), is_interrupted) else {
+            return Ok(None);
+        };
+        let Outcome::Ended(metrics) = outcome else { return Ok(None) };
+        let has = |label: &String| measured.iter().any(|metric| metric.label == *label);
+        match self.limits.of.iter().find(|limit| !has(&limit.label)) {
+            Some(limit) => Err(Error::Argument(Invalid::because(format!(
+                "--require {limit}: the loop has this metric only where its reference steps, which it doesn't do"
+            )))),
+            None => Ok(Some(metrics)),
+        }
+    }
+
+    /// Makes further samples until the plan has a verdict, in their order: the same ones for any number of threads. `done` is
+    /// called with what there is now and then; `is_interrupted` is asked at every communication point.
+    ///
+    /// # Errors
+    /// When too many samples are refused, with the message of the first.
+    pub fn run(
+        &self,
+        plan: &Plan,
+        outcomes: &mut Vec<Outcome>,
+        workers: Option<&dyn Workers>,
+        mut done: impl FnMut(&[Outcome], &Tally) -> Result<(), Error>,
+        is_interrupted: impl Fn() -> bool + Sync,
+    ) -> Result<Ended, Error> {
+        let mut tally = Tally::default();
+        let mut counted = 0;
+        loop {
+            while counted < outcomes.len() {
+                tally.add(&outcomes[counted], &self.limits);
+                counted += 1;
+                let verdict = plan.verdict(tally.failures, tally.runs);
+                let is_end = verdict.is_some() || plan.next_look(tally.runs).is_none();
+                self.check_refused(if is_end { counted as u64 } else { plan.runs() }, &tally, &outcomes[..counted])?;
+                if is_end {
+                    outcomes.truncate(counted);
+                    return Ok(Ended { tally, verdict, interrupted: false });
+                }
+            }
+            done(outcomes, &tally)?;
+            let wanted = plan.next_look(tally.runs).map_or(0, |look| look - tally.runs);
+            let (first, rows) =
+                (outcomes.len() as u64, if workers.is_some() { BATCHES } else { self.loops.len() as u64 });
+            let count = wanted.min(rows * ROW);
+            let made = match workers {
+                Some(workers) => hand_out(workers, Batch { first, count }),
+                None => self.batch(Batch { first, count }, &is_interrupted),
+            };
+            let interrupted = (made.len() as u64) < count;
+            outcomes.extend(made);
+            if interrupted {
+                outcomes[counted..].iter().for_each(|outcome| tally.add(outcome, &self.limits));
+                return Ok(Ended { tally, verdict: None, interrupted });
+            }
+        }
+    }
+
+    /// Ends a study that is to have so many samples, and in which more than 1 % of them, or now and then of those so far, are
+    /// refused.
+    fn check_refused(&self, planned: u64, tally: &Tally, outcomes: &[Outcome]) -> Result<(), Error> {
+        let samples = outcomes.len() as u64;
+        let mut counts = std::iter::successors(Some(FIRST_COUNT), |count| count.checked_mul(10));
+        let of = if counts.any(|count| count == samples) { samples } else { planned.max(samples) };
+        if !tally.is_refused_too_often(of) {
+            return Ok(());
+        }
+        let refused = outcomes.iter().enumerate().find_map(|(k, outcome)| match outcome {
+            Outcome::Refused(reason) => Some((k as u64, reason)),
+            _ => None,
+        });
+        let (k, message) = refused.map_or((0, ""), |(k, reason)| (k, reason.as_str()));
+        let reason = format!(
+            "components refused {} of {samples} samples; at most 1 % may be. Narrow the distributions. The first one, \
+             {}: {message}",
+            tally.refused,
+            self.described(k)
+        );
+        Err(Error::Loop { file: self.structure.file.clone(), reason })
+    }
+
+    /// The outcomes of a batch on all threads; fewer where the user stops it.
+    pub fn batch(&self, batch: Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
+        let made = parallel::each(&self.loops, batch.count as usize, |loaded, k| {
+            let random = self.random(batch.first + k as u64);
+            let values = self.varied.values(random);
+            self.run_one(loaded, &self.varied.sample(&values, random), is_interrupted).map(|(outcome, _)| outcome)
+        });
+        made.into_iter().map_while(|outcome| outcome).collect()
+    }
+
+    /// A run of a sample; none where the user stops it.
+    fn run_one(
+        &self,
+        loaded: &LoadedLoop,
+        sample: &Sample,
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Option<(Outcome, Vec<Measured>)> {
+        if is_interrupted() {
+            return None;
+        }
+        let closed = match loaded.instantiate_changing(&sample.start, &sample.changes) {
+            Ok(closed) => closed,
+            Err(error) => return Some((Outcome::Refused(error.to_string()), Vec::new())),
+        };
+        let (mut interrupted, mut begun, mut meter) = (false, false, None);
+        let mut take = |points: &mut Recording| {
+            begun |= !points.times.is_empty();
+            let meter = meter.get_or_insert_with(|| Meter::new(&self.structure, points));
+            let taken = meter.as_mut().is_ok_and(|meter| {
+                meter.add(points);
+                true
+            });
+            points.times.clear();
+            points.columns.iter_mut().for_each(Vec::clear);
+            taken
+        };
+        let stop_time = self.settings.stop_time;
+        let ran = closed.run_in_blocks(self.settings, BLOCK, &mut take, |time| {
+            interrupted = is_interrupted() && time < stop_time;
+            !interrupted
+        });
+        let failure = match ran {
+            Ok(mut recording) => {
+                take(&mut recording);
+                None
+            }
+            Err((error, mut recording)) => {
+                take(&mut recording);
+                Some(error.to_string())
+            }
+        };
+        if interrupted {
+            return None;
+        }
+        Some(match (failure, meter) {
+            (Some(reason), _) if !begun => (Outcome::Refused(reason), Vec::new()),
+            (Some(reason), _) | (None, Some(Err(reason))) => (Outcome::NotEnded(reason), Vec::new()),
+            (None, None) => (Outcome::NotEnded("the run has no points".to_owned()), Vec::new()),
+            (None, Some(Ok(meter))) => self.ended(meter.measured()),
+        })
+    }
+
+    /// The metrics of a whole run, in the order of their labels.
+    fn ended(&self, measured: Vec<Measured>) -> (Outcome, Vec<Measured>) {
+        let value = |label: &String| measured.iter().find(|metric| metric.label == *label).and_then(|it| it.value);
+        let metrics = self.labels.iter().map(|label| value(label).filter(|value| value.is_finite())).collect();
+        (Outcome::Ended(metrics), measured)
+    }
+
+    /// The signals of a sample, or of the loop as it is, as they are recorded.
+    ///
+    /// # Errors
+    /// When the sample is refused.
+    pub fn recorded(&self, sample: Option<u64>) -> Result<Recording, Error> {
+        let of = match sample {
+            Some(sample) => self.varied.sample(&self.values(sample), self.random(sample)),
+            None => self.varied.nominal(),
+        };
+        let closed = self.loops[0].instantiate_changing(&of.start, &of.changes)?;
+        Ok(closed.run(self.settings, |_| true).unwrap_or_else(|(_, recording)| *recording))
+    }
+}
+
+/// Outcomes of a batch by workers; fewer where the user stops it.
+fn hand_out(workers: &dyn Workers, batch: Batch) -> Vec<Outcome> {
+    let starts = (batch.first..batch.first + batch.count).step_by(ROW as usize);
+    let jobs = starts.map(|first| Batch { first, count: ROW.min(batch.first + batch.count - first) });
+    let made = results::<Vec<Outcome>>(workers, jobs, |_| ());
+    made.into_iter().map_while(|outcomes| outcomes).flatten().collect()
+}
