@@ -96,11 +96,6 @@ impl Platform {
         self.other_folder.map(|folder| self.binary_in(folder, name))
     }
 
-    /// Where a library of this platform lies in an FMU of a version of the standard.
-    pub fn binary_of(&self, standard: Standard, name: &str) -> String {
-        if standard == Standard::Fmi3 { self.binary_in_3(name) } else { self.binary(name) }
-    }
-
     /// The library of this platform in the folder of an FMU: in its own place, or in that which other tools use.
     pub fn find_binary(&self, fmu: &Path, standard: Standard, name: &str) -> Option<PathBuf> {
         self.binaries(standard, name).map(|place| fmu.join(place)).find(|path| path.is_file())
