@@ -101,7 +101,7 @@ def export(
     without: components to leave out of the loops of `composite`. The inputs that they drive become inputs of the single FMU.
     terminals: True to add terminalsAndIcons.xml, which some tools use to connect FMUs; tools with FMI Library 3 refuse such FMUs.
         Default: False.
-    fmi: version of FMI, 2 or 3; with 3 there are no archives, and only other tools read the FMUs. Default: 2.
+    fmi: version of FMI, 2 or 3; with 3 there are no archives of loops. Default: 2.
 
     Raises `Error` if an FMU, a description file or a loop does not exist or is refused, and `ArgumentError` for arguments that don't go
     together.
