@@ -414,7 +414,9 @@ def test_fmpy_compiles_the_sources(sources, both, tmp_path, monkeypatch) -> None
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     build_platform_binary(unpacked)
     settings = {"stop_time": 1.0, "output_interval": 0.01, "start_values": {"integration_method": 2}}
-    results = [fmpy.simulate_fmu(str(file), fmi_type="CoSimulation", **settings) for file in (unpacked, both("NonlinearSiso")[0].file)]
+    results = [
+        fmpy.simulate_fmu(str(file), fmi_type="CoSimulation", **settings) for file in (unpacked, both("NonlinearSiso")[0].file)
+    ]
     assert all((results[0][name] == results[1][name]).all() for name in results[0].dtype.names)
 
 
