@@ -8,11 +8,11 @@ use super::dead_time::DeadTime;
 use super::template::write_sizes;
 use crate::catalogue::{Catalogued, Demonstration, Scale, Stimulus};
 use crate::mathematics::limits::{self, UNLIMITED, within};
-use crate::mathematics::matrices::rows;
+use crate::mathematics::matrices::{resized, rows};
 use crate::pages::{self, Page};
 use crate::system::{
-    Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals, State, System,
-    Unit, Values, VectorOf, matrix, of_outputs, quantities, vector,
+    Declaration, Input, Invalid, MatrixOf, Parameter, Point, Prepared, Rates, Scalar, Signal, Signals, Size, State,
+    System, Unit, Values, VectorOf, matrix, of_outputs, quantities, vector,
 };
 use crate::template::{
     self, Begun, Request, Sizes, Template, all, named, write_limits, write_names, write_quantities, write_units,
@@ -174,6 +174,25 @@ impl System for StateSpace {
             dead_time,
             rates,
         })
+    }
+
+    fn sizes(structure: &StateSpaceStructure) -> Vec<Size> {
+        let columns_of_B = structure.B.first().map_or(0, Vec::len);
+        let size = |name, description, value| Size { name, description, value, most: MOST };
+        vec![
+            size("n", "number of states", structure.A.len()),
+            size("m", "number of inputs", columns_of_B),
+            size("p", "number of outputs", structure.C.len()),
+        ]
+    }
+
+    fn resize(structure: &mut StateSpaceStructure, sizes: &[usize]) -> toml::Table {
+        let &[n, m, p] = sizes else { return toml::Table::new() };
+        structure.A = resized(&structure.A, (n, n));
+        structure.B = resized(&structure.B, (n, m));
+        structure.C = resized(&structure.C, (p, n));
+        structure.D = structure.D.take().map(|D| resized(&D, (p, m)));
+        toml::Table::new()
     }
 
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {

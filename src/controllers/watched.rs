@@ -9,7 +9,7 @@ use crate::mathematics::performance::{self, Performance};
 use crate::pages::Page;
 use crate::system::{
     BooleanOf, Declaration, DesignReport, Discrete, IntegerOf, Invalid, OwnStep, Parameter, Point, Rates, Scalar,
-    ScalarOf, Signal, Signals, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,
+    ScalarOf, Signal, Signals, Size, System, Values, VectorOf, Warning, boolean, integer, scalar, smaller, vector,
 };
 use crate::template::Template;
 
@@ -187,6 +187,14 @@ impl<C: Tracking> System for Watched<C> {
         let controller = C::declare(structure.controller, d)?;
         let funnel = structure.funnel.then(|| WatchedFunnel::declare(&controller, d));
         Ok(Watched { controller, funnel })
+    }
+
+    fn sizes(structure: &Self::Structure) -> Vec<Size> {
+        C::sizes(&structure.controller)
+    }
+
+    fn resize(structure: &mut Self::Structure, sizes: &[usize]) -> toml::Table {
+        C::resize(&mut structure.controller, sizes)
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {

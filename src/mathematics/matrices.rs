@@ -27,6 +27,12 @@ pub fn rows(name: &str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, Invalid> {
     Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
 }
 
+/// The same rows in a matrix of another size; new elements are 0.
+pub fn resized(rows: &[Vec<f64>], (count, columns): (usize, usize)) -> Vec<Vec<f64>> {
+    let element = |i: usize, j: usize| rows.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0.0);
+    (0..count).map(|i| (0..columns).map(|j| element(i, j)).collect()).collect()
+}
+
 /// The inverse of a matrix whose least singular value is above so many parts of the largest; or in how many parts it is.
 ///
 /// # Errors

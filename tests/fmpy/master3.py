@@ -94,12 +94,11 @@ class Unit3:
 
 def elements(variable: object) -> list[str]:
     """The names that the elements of a variable have in FMI 2.0."""
-    sizes = [int(dimension.start) for dimension in variable.dimensions]
-    if not sizes:
+    if not variable.dimensions:
         return [variable.name]
     name, is_rate = variable.name, variable.name.startswith("der(")
     name = name[4:-1] if is_rate else name
-    names = [f"{name}[{','.join(str(k + 1) for k in index)}]" for index in np.ndindex(*sizes)]
+    names = [f"{name}[{','.join(str(k + 1) for k in index)}]" for index in np.ndindex(*variable.shape)]
     return [f"der({one})" for one in names] if is_rate else names
 
 

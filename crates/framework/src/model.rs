@@ -2,9 +2,11 @@
 
 mod description;
 mod preparing;
+mod sizes;
 mod stored;
 
 pub use description::{Description, Experiment, Standard};
+pub use sizes::{Extent, Sizes};
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
@@ -42,6 +44,7 @@ impl Block {
 /// A system made from its description.
 pub struct Model {
     description: Description,
+    kind: Kind,
     documentation: String,
     system: Box<dyn DynSystem>,
     variables: Variables,
@@ -57,6 +60,7 @@ pub struct Model {
     direction: OnceLock<Direction>,
     start_direction: OnceLock<Direction>,
     adjoint: OnceLock<Option<Adjoint>>,
+    sizes: OnceLock<Sizes>,
     workspaces: Workspaces,
 }
 
@@ -117,12 +121,31 @@ impl Model {
     fn build(description: Description, kind: &Kind, registry: Registry) -> Result<Model, Invalid> {
         let mut declaration = Declaration::of(&description.start);
         let system = kind.declare(description.structure.clone(), &description.names, registry, &mut declaration)?;
+        let set = |variables: &mut Variables| {
+            set_each("start", &description.start, |name, value| variables.set_start(name, value))?;
+            set_each("magnitudes", &description.magnitudes, |name, value| variables.set_magnitude(name, value))?;
+            variables.make_constant(description.designed.as_deref().unwrap_or_default())
+        };
+        let mut model = Model::declared(&description, *kind, system, declaration, set)?;
+        // Start values that the system refuses make no model.
+        let (mut prepared, mut log) = (model.start.clone(), MessageLog::new());
+        model.prepare(&mut prepared, &mut log)?;
+        model.prepared = if log.is_empty() { model.prepared_alone(&prepared) } else { None };
+        Ok(model)
+    }
+
+    /// A model of a system that was declared, whose variables get their start values by a function.
+    fn declared(
+        description: &Description,
+        kind: Kind,
+        system: Box<dyn DynSystem>,
+        mut declaration: Declaration,
+        set: impl FnOnce(&mut Variables) -> Result<(), Invalid>,
+    ) -> Result<Model, Invalid> {
         let mut documentation = declaration.documentation();
         let controls = Controls::declare(&mut declaration);
         let mut variables = declaration.finish()?;
-        set_each("start", &description.start, |name, value| variables.set_start(name, value))?;
-        set_each("magnitudes", &description.magnitudes, |name, value| variables.set_magnitude(name, value))?;
-        variables.make_constant(description.designed.as_deref().unwrap_or_default())?;
+        set(&mut variables)?;
         if variables.states() > 0 {
             documentation = format!("{}\n\n{}", documentation.trim_end(), Work::of(&variables).documentation());
         }
@@ -131,8 +154,9 @@ impl Model {
         for state in variables.iter().filter(|v| v.section == Section::State).flat_map(Variable::elements) {
             nominals[state.place()] = state.nominal();
         }
-        let mut model = Model {
-            description,
+        Ok(Model {
+            description: description.clone(),
+            kind,
             documentation,
             system,
             variables,
@@ -145,13 +169,9 @@ impl Model {
             direction: OnceLock::new(),
             start_direction: OnceLock::new(),
             adjoint: OnceLock::new(),
+            sizes: OnceLock::new(),
             workspaces: Workspaces::default(),
-        };
-        // Start values that the system refuses make no model.
-        let (mut prepared, mut log) = (model.start.clone(), MessageLog::new());
-        model.prepare(&mut prepared, &mut log)?;
-        model.prepared = if log.is_empty() { model.prepared_alone(&prepared) } else { None };
-        Ok(model)
+        })
     }
 
     /// The description.

@@ -11,6 +11,7 @@ mod law;
 pub(super) mod plants;
 mod ports;
 mod report;
+mod sizes;
 mod structure;
 mod supervision;
 pub(super) mod template;
@@ -24,8 +25,8 @@ use crate::catalogue::{Catalogued, Role};
 use crate::mathematics::limits;
 use crate::pages::{self, Page};
 use crate::system::{
-    Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Stride,
-    System, Values, VectorOf, larger, vector,
+    Choice, Declaration, DesignReport, ErrorEstimate, Input, Invalid, OwnStep, Point, Rates, Scalar, Signals, Size,
+    Stride, System, Values, VectorOf, larger, vector,
 };
 use crate::template::{Begun, Needs, Request, Sizes, Template};
 pub(super) use design::{Dynamics, SETTLED};
@@ -89,6 +90,14 @@ impl System for L1 {
         let r = d.input(vector("r", units.r.len(), "reference").about(&units.of_r, "reference of {}").units(&units.r));
         let law = Law::declare(&structure, Ports::declare(d, r, &units), d)?;
         Ok(L1 { r, units_of_r: units.r, of_r: units.of_r, law })
+    }
+
+    fn sizes(structure: &L1Structure) -> Vec<Size> {
+        structure.sizes()
+    }
+
+    fn resize(structure: &mut L1Structure, sizes: &[usize]) -> toml::Table {
+        structure.resize(sizes)
     }
 
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {

@@ -9,7 +9,7 @@ use crate::mathematics::matrices::rows;
 use crate::system::{Invalid, Number, Scalar, Unit, of_outputs, quantities};
 
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
-const MOST_STATES: usize = 200;
+pub(super) const MOST_STATES: usize = 200;
 
 /// What multiplies the estimates θ̂.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
@@ -73,16 +73,16 @@ pub enum Commands {
 pub struct L1Structure {
     /// Nominal dynamics A of the plant, n rows of n numbers, where there is a baseline. Without one, these are the desired
     /// dynamics: where A_m starts.
-    A: Option<Vec<Vec<f64>>>,
+    pub(super) A: Option<Vec<Vec<f64>>>,
     /// Input matrix B, n rows of m numbers.
-    B: Vec<Vec<f64>>,
+    pub(super) B: Vec<Vec<f64>>,
     /// Output matrix C, m rows of n numbers: as many outputs as inputs.
-    C: Vec<Vec<f64>>,
+    pub(super) C: Vec<Vec<f64>>,
     /// What multiplies the estimates of theta.
     pub(in crate::controllers) regressor: Regressor,
     /// Usual magnitudes of the states, n numbers: with `regressor = "state"`, theta multiplies x/state_scale. 1 where they aren't
     /// given.
-    state_scale: Option<Vec<f64>>,
+    pub(super) state_scale: Option<Vec<f64>>,
     /// Which entries of the input gain omega are estimated.
     pub(in crate::controllers) input_gain: InputGain,
     /// Where the static state feedback stands that gives the plant its desired dynamics.
@@ -98,9 +98,9 @@ pub struct L1Structure {
     #[serde(default)]
     filter: FilterDescription,
     /// True if unmatched uncertainty is estimated too, along B_um.
-    unmatched: Option<bool>,
+    pub(super) unmatched: Option<bool>,
     /// Where unmatched uncertainty enters, n rows of k numbers, orthogonal to B; all that B leaves, where it isn't given.
-    B_um: Option<Vec<Vec<f64>>>,
+    pub(super) B_um: Option<Vec<Vec<f64>>>,
     /// States that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad, and each is an output.
     #[serde(default)]
     angles: Vec<usize>,

@@ -72,6 +72,13 @@ impl Execution {
         self.changed();
     }
 
+    /// Sets the continuous states at these places.
+    pub fn set_states_at(&mut self, places: &[usize], states: &[f64]) {
+        let first = self.model.variables().reals(Section::State).start;
+        places.iter().zip(states).for_each(|(place, &state)| self.block.reals[first + place] = state);
+        self.changed();
+    }
+
     /// Magnitudes of the continuous states.
     pub fn nominals(&self) -> &[f64] {
         self.model.nominals()

@@ -49,6 +49,8 @@ pub struct References {
     indicators: u32,
     /// Places of discrete variables that are computed, in FMI 3.0.
     discrete: Vec<Place>,
+    /// Where sizes can change: number of these, and the first places of the other variables, whose references count on from there.
+    numbers: Option<(usize, Vec<u32>)>,
 }
 
 /// What a value reference of the wrong sort is.
@@ -70,6 +72,7 @@ impl References {
             shapes: Vec::new(),
             indicators: 0,
             discrete: Vec::new(),
+            numbers: None,
         };
         for element in variables.visible() {
             let access = match (element.variable.causality, element.variable.variability) {
@@ -118,6 +121,25 @@ impl References {
         references
     }
 
+    /// The same with references that are numbers: of sizes first, and then of variables that begin at these places.
+    pub fn numbered(self, sizes: usize, places: impl Iterator<Item = u32>) -> Self {
+        References { numbers: Some((sizes, places.collect())), ..self }
+    }
+
+    /// The first place of the variable with a master's reference.
+    pub fn inner(&self, reference: u32) -> Option<u32> {
+        let Some((sizes, places)) = &self.numbers else { return Some(reference) };
+        places.get((reference as usize).checked_sub(*sizes)?).copied()
+    }
+
+    /// A master's reference of the variable that has this place.
+    pub fn outer(&self, place: u32) -> u32 {
+        let Some((sizes, places)) = &self.numbers else { return place };
+        let length = |first: u32| self.shapes.get(first as usize).map_or(1, |[rows, columns]| rows * columns);
+        let holds = |first: &u32| (*first..*first + length(*first)).contains(&place);
+        places.iter().position(holds).map_or(place, |number| (sizes + number) as u32)
+    }
+
     /// Places of discrete variables that are computed.
     pub fn discrete(&self) -> &[Place] {
         &self.discrete
@@ -134,23 +156,23 @@ impl References {
         (number < self.indicators).then_some(number as usize)
     }
 
-    /// Number of values that a reference names.
+    /// Number of values that a master's reference names.
     ///
     /// # Errors
     /// [`NoValue`] when it is no variable's.
     pub fn length(&self, reference: u32) -> Result<usize, NoValue> {
-        match self.shapes.get(reference as usize) {
+        match self.inner(reference).and_then(|place| self.shapes.get(place as usize)) {
             Some([0, _]) | None => Err(NoValue::Unknown),
             Some([rows, columns]) => Ok((rows * columns) as usize),
         }
     }
 
-    /// The references of all values that these name, arrays row by row.
+    /// The places of all values that a master's references name, arrays row by row.
     pub fn values_of<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = u32> + Clone + 'a {
-        references.iter().flat_map(|&reference| {
-            let [rows, columns] = self.shapes.get(reference as usize).copied().unwrap_or([1, 1]);
+        references.iter().filter_map(|&reference| self.inner(reference)).flat_map(|place| {
+            let [rows, columns] = self.shapes.get(place as usize).copied().unwrap_or([1, 1]);
             // As they are stored, columns come first.
-            (0..rows * columns).map(move |k| reference + k % columns * rows + k / columns)
+            (0..rows * columns).map(move |k| place + k % columns * rows + k / columns)
         })
     }
 

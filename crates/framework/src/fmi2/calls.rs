@@ -64,11 +64,13 @@ pub enum Phase {
     Error = 7,
     /// A fault of the library itself: nothing can be relied on.
     Poisoned = 8,
+    /// Configuration Mode of FMI 3.0, in which sizes are set.
+    Configuration = 9,
 }
 
 impl Phase {
     /// All phases, by number.
-    pub const ALL: [Phase; 9] = [
+    pub const ALL: [Phase; 10] = [
         Phase::Instantiated,
         Phase::Initialization,
         Phase::Event,
@@ -78,6 +80,7 @@ impl Phase {
         Phase::Terminated,
         Phase::Error,
         Phase::Poisoned,
+        Phase::Configuration,
     ];
 
     /// True if an instance of this interface may be saved in it.
@@ -86,9 +89,13 @@ impl Phase {
             Phase::Event => standard == Standard::Fmi3 || interface == Interface::ModelExchange,
             Phase::ContinuousTime => interface == Interface::ModelExchange,
             Phase::StepComplete | Phase::StepFailed => interface == Interface::CoSimulation,
-            Phase::Poisoned => false,
+            Phase::Poisoned | Phase::Configuration => false,
             _ => true,
         }
+    }
+
+    fn is_in(self, standard: Standard) -> bool {
+        self != Phase::Configuration || standard == Standard::Fmi3
     }
 
     const fn bit(self) -> u16 {
@@ -107,6 +114,7 @@ impl Phase {
             Phase::Terminated => "terminated",
             Phase::Error => "in error after a failed step or event; restore a state or reset it, or terminate it",
             Phase::Poisoned => "unusable after an internal fault; free it",
+            Phase::Configuration => "in Configuration Mode",
         }
     }
 }
@@ -119,8 +127,11 @@ const S: u16 = Phase::StepComplete.bit();
 const F: u16 = Phase::StepFailed.bit();
 const T: u16 = Phase::Terminated.bit();
 const E: u16 = Phase::Error.bit();
+const K: u16 = Phase::Configuration.bit();
 /// Every phase but the poisoned one.
-const ANY: u16 = I | M | V | C | S | F | T | E;
+const ANY: u16 = I | M | V | C | S | F | T | E | K;
+/// Every one in which an instance has the sizes that it is to have.
+const SET: u16 = ANY & !K;
 
 macro_rules! name_in_3 {
     ($function:ident) => {
@@ -177,8 +188,8 @@ call_table! {
     SetInteger("SetInt32"):                           I | M | V | C,     I | M | S,         I | M | V | C,         I | M | V | S;
     SetBoolean:                                       I | M | V | C,     I | M | S,         I | M | V | C,         I | M | V | S;
     SetString:                                        I | M | V,         I | M | S,         I | M | V,             I | M | V | S;
-    GetFMUstate("GetFMUState"):                       ANY,               ANY,               ANY,                   ANY;
-    SetFMUstate("SetFMUState"):                       ANY,               ANY,               ANY,                   ANY;
+    GetFMUstate("GetFMUState"):                       ANY,               ANY,               SET,                   SET;
+    SetFMUstate("SetFMUState"):                       ANY,               ANY,               SET,                   SET;
     FreeFMUstate("FreeFMUState"):                     ANY,               ANY,               ANY,                   ANY;
     SerializedFMUstateSize("SerializedFMUStateSize"): ANY,               ANY,               ANY,                   ANY;
     SerializeFMUstate("SerializeFMUState"):           ANY,               ANY,               ANY,                   ANY;
@@ -207,14 +218,16 @@ call_table! {
     GetEnumeration("GetInt64"):                       0,                 0,                 I | M | V | C | T | E, I | M | V | S | F | T | E;
     SetEnumeration("SetInt64"):                       0,                 0,                 I | M | V | C,         I | M | V | S;
     EnterConfigurationMode:                           0,                 0,                 I,                     I;
-    ExitConfigurationMode:                            0,                 0,                 0,                     0;
+    ExitConfigurationMode:                            0,                 0,                 K,                     K;
+    GetUInt64:                                        0,                 0,                 ANY,                   ANY;
+    SetUInt64:                                        0,                 0,                 K,                     K;
     EnterStepMode:                                    0,                 0,                 0,                     V;
     EvaluateDiscreteStates:                           0,                 0,                 V,                     V;
     GetAdjointDerivative:                             0,                 0,                 M | V | C | T | E,     M | V | S | F | T | E;
-    GetNumberOfVariableDependencies:                  0,                 0,                 ANY,                   ANY;
-    GetVariableDependencies:                          0,                 0,                 ANY,                   ANY;
-    GetNumberOfEventIndicators:                       0,                 0,                 ANY,                   0;
-    GetNumberOfContinuousStates:                      0,                 0,                 ANY,                   0;
+    GetNumberOfVariableDependencies:                  0,                 0,                 SET,                   SET;
+    GetVariableDependencies:                          0,                 0,                 SET,                   SET;
+    GetNumberOfEventIndicators:                       0,                 0,                 SET,                   0;
+    GetNumberOfContinuousStates:                      0,                 0,                 SET,                   0;
 }
 
 impl Function {
@@ -242,8 +255,8 @@ impl Function {
             let (own, other) = (interface.describe(), interface.other().describe());
             return format!("{name} belongs to {other}; this is a {own} instance");
         }
-        let allowed: Vec<_> =
-            Phase::ALL.into_iter().filter(|&phase| self.allowed_in(of, phase)).map(Phase::describe).collect();
+        let allowed = Phase::ALL.into_iter().filter(|&phase| self.allowed_in(of, phase) && phase.is_in(of.0));
+        let allowed: Vec<_> = allowed.map(Phase::describe).collect();
         format!(
             "{name} is not allowed while the instance is {}; it is when {}",
             phase.describe(),

@@ -13,7 +13,7 @@ use super::logger::{self, DISCARDED, EVENTS, Logger};
 use super::model_description;
 use super::resources::DESCRIPTION;
 use super::shared::Shared;
-use super::snapshot::{self, Slots};
+use super::snapshot::Slots;
 use super::types::Status;
 
 /// Value references of single values, which can be gone through several times.
@@ -27,7 +27,7 @@ pub struct Instance {
     pub(crate) execution: Execution,
     /// What it has in common with the other instances of its unit.
     pub(crate) unit: Arc<Shared>,
-    /// Which saved states are its own: those of the same unit and interface in the same build.
+    /// Which saved states are its own: those of the same unit, its sizes and interface in the same build.
     pub(super) identity: [u8; 16],
     /// Where messages go.
     pub logger: Logger,
@@ -43,6 +43,8 @@ pub struct Instance {
     pub(crate) discrete: Vec<u64>,
     /// True if it was logged that the master's communication points aren't the sums of its steps.
     pub(super) points_differ: bool,
+    /// In Configuration Mode: the sizes that were set.
+    pub(crate) asked_sizes: Vec<usize>,
 }
 
 impl Instance {
@@ -51,7 +53,7 @@ impl Instance {
     /// # Errors
     /// When the GUID isn't this unit's.
     pub fn new(unit: Arc<Shared>, of: (Standard, Interface), guid: &str, logger: Logger) -> Answer<Self> {
-        let (own, source) = (unit.guid, unit.source);
+        let own = unit.guid;
         if unit.model.description().standard() != of.0 {
             let [asked, is] = match of.0 {
                 Standard::Fmi2 => ["fmi2Instantiate", "FMI 3.0"],
@@ -70,14 +72,10 @@ impl Instance {
                 model_description::guid_text(own)
             )));
         }
-        let mut execution = Execution::new(Arc::clone(&unit.model));
-        if of.1 == Interface::ModelExchange {
-            execution.hand_over_integration();
-        }
         Ok(Instance {
+            execution: begun(&unit, of.1),
+            identity: unit.identity(of.1),
             unit,
-            execution,
-            identity: snapshot::identity(own, of.1, source),
             logger,
             of,
             phase: Phase::Instantiated,
@@ -87,7 +85,22 @@ impl Instance {
             early_return: false,
             discrete: Vec::new(),
             points_differ: false,
+            asked_sizes: Vec::new(),
         })
+    }
+
+    /// Begins anew as an instance of a unit that differs in its sizes; what it was until then.
+    pub(crate) fn take_unit(&mut self, unit: Arc<Shared>) -> Execution {
+        let former = std::mem::replace(&mut self.execution, begun(&unit, self.of.1));
+        self.identity = unit.identity(self.of.1);
+        self.unit = unit;
+        if self.event_mode {
+            self.use_event_mode(self.early_return);
+        }
+        if self.logger.is_enabled(EVENTS) {
+            self.execution.tell_methods();
+        }
+        former
     }
 
     /// The name of a function in its standard.
@@ -262,6 +275,9 @@ impl Instance {
 
     /// fmi2Reset
     pub fn reset(&mut self) {
+        if let Some(base) = self.unit.base.clone() {
+            self.take_unit(base);
+        }
         self.execution.reset();
         self.phase = Phase::Instantiated;
         self.stop_time = None;
@@ -274,7 +290,7 @@ impl Instance {
             match no_value {
                 NoValue::Unknown => Refused(format!("{name}: there is no variable with value reference {reference}")),
                 NoValue::Other(is) => {
-                    let variable = self.name(reference);
+                    let (variable, reference) = (self.name(reference), self.unit.references.outer(reference));
                     Refused(format!("{name}: `{variable}` (value reference {reference}) is of type {is:?}"))
                 }
             }
@@ -313,9 +329,10 @@ impl Instance {
             Access::Calculated { .. } | Access::Hidden => "calculated by the unit and can't be set",
         };
         Err(Refused(format!(
-            "{}: `{}` (value reference {reference}) is {what}",
+            "{}: `{}` (value reference {}) is {what}",
             self.called(function),
-            self.name(reference)
+            self.name(reference),
+            self.unit.references.outer(reference)
         )))
     }
 
@@ -445,6 +462,14 @@ impl Instance {
         }
         Ok(())
     }
+}
+
+fn begun(unit: &Shared, interface: Interface) -> Execution {
+    let mut execution = Execution::new(Arc::clone(&unit.model));
+    if interface == Interface::ModelExchange {
+        execution.hand_over_integration();
+    }
+    execution
 }
 
 /// Hands out numbers, all of them or, where one isn't finite, none: then its place, and what it is.

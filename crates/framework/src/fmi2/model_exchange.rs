@@ -103,15 +103,19 @@ impl Instance {
     pub fn set_continuous_states(&mut self, states: &[f64]) -> Answer {
         let function = Function::SetContinuousStates;
         self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
-        if let Some(place) = states.iter().position(|state| !state.is_finite()) {
-            let (name, value) = (self.real_name(Section::State, place), states[place]);
+        if let Some(number) = states.iter().position(|state| !state.is_finite()) {
+            let (name, value) = (self.real_name(Section::State, number), states[number]);
             return Err(Refused(format!(
                 "{}: `{name}` = {} must be a finite number",
                 self.called(function),
                 Number(value)
             )));
         }
-        self.execution.set_states(states);
+        if self.unit.order_of_states.is_empty() {
+            self.execution.set_states(states);
+        } else {
+            self.execution.set_states_at(&self.unit.order_of_states, states);
+        }
         Ok(())
     }
 
@@ -123,7 +127,7 @@ impl Instance {
         let function = Function::GetContinuousStates;
         self.check_count(function, states.len(), self.execution.states().len(), "continuous states")?;
         self.evaluate(function)?;
-        let broken = hand_out(self.execution.states().iter().copied(), states);
+        let broken = hand_out(in_order(&self.unit.order_of_states, self.execution.states()), states);
         Ok(broken.map_or(Status::Ok, |(place, value)| {
             let what = format!("`{}`", self.real_name(Section::State, place));
             self.not_finite(function, &what, value)
@@ -137,7 +141,7 @@ impl Instance {
     pub fn get_nominals(&mut self, nominals: &mut [f64]) -> Answer<Status> {
         let function = Function::GetNominalsOfContinuousStates;
         self.check_count(function, nominals.len(), self.execution.nominals().len(), "continuous states")?;
-        let broken = hand_out(self.execution.nominals().iter().copied(), nominals);
+        let broken = hand_out(in_order(&self.unit.order_of_states, self.execution.nominals()), nominals);
         Ok(broken.map_or(Status::Ok, |(place, value)| {
             let what = format!("the nominal value of `{}`", self.real_name(Section::State, place));
             self.not_finite(function, &what, value)
@@ -152,7 +156,7 @@ impl Instance {
         let function = Function::GetDerivatives;
         self.check_count(function, derivatives.len(), self.execution.states().len(), "continuous states")?;
         self.evaluate(function)?;
-        let broken = hand_out(self.execution.derivatives().iter().copied(), derivatives);
+        let broken = hand_out(in_order(&self.unit.order_of_states, self.execution.derivatives()), derivatives);
         Ok(broken.map_or(Status::Ok, |(place, value)| {
             let what = format!("`{}`", self.real_name(Section::Derivative, place));
             self.not_finite(function, &what, value)
@@ -181,8 +185,20 @@ impl Instance {
         Err(Refused(format!("{}: {given} {what}; this unit has {expected}", self.called(function))))
     }
 
-    fn real_name(&self, section: Section, place: usize) -> String {
+    /// Place of a state by its number in the master's order.
+    fn place_of_state(&self, number: usize) -> usize {
+        self.unit.order_of_states.get(number).copied().unwrap_or(number)
+    }
+
+    /// Name of a state, or of its derivative, by its number in the master's order.
+    fn real_name(&self, section: Section, number: usize) -> String {
+        let place = self.place_of_state(number);
         let element = self.execution.model().variables().real_at(section, place);
         element.map_or(String::new(), |element| element.name())
     }
+}
+
+/// Numbers of the states in a master's order, which is the places of these; none where it is that in which they are stored.
+fn in_order<'a>(order: &'a [usize], numbers: &'a [f64]) -> impl Iterator<Item = f64> + Clone + 'a {
+    (0..numbers.len()).map(|number| numbers[order.get(number).copied().unwrap_or(number)])
 }

@@ -9,8 +9,9 @@ use crate::system::Registry;
 
 use super::access::References;
 use super::build::Library;
-use super::calls::{Answer, Refused, Standard};
-use super::model_description;
+use super::calls::{Answer, Interface, Refused, Standard};
+use super::fmi3::arrays;
+use super::{model_description, snapshot};
 
 /// A unit without its values.
 #[derive(Debug)]
@@ -23,12 +24,17 @@ pub struct Shared {
     pub guid: [u8; 16],
     /// Checksum of the sources of its library.
     pub source: &'static str,
+    /// Places of states in a master's order; empty where that is how they are stored.
+    pub order_of_states: Vec<usize>,
+    /// The unit with the sizes of its description, where this one has others.
+    pub base: Option<Arc<Shared>>,
 }
 
-/// A unit that is in memory, and what it was made of: a description, by the kinds of a registry.
+/// A unit that is in memory, and what it was made of: a description, by the kinds of a registry, with sizes of a master's, if any.
 struct Known {
     description: String,
     registry: Registry,
+    sizes: Vec<usize>,
     unit: Weak<Shared>,
 }
 
@@ -53,8 +59,7 @@ impl Shared {
     /// # Errors
     /// What is wrong with its description.
     pub fn of((file, text): (PathBuf, String), library: Library) -> Answer<Arc<Self>> {
-        let is_this = |known: &&Known| std::ptr::eq(known.registry, library.registry) && known.description == text;
-        let alive = units().known.iter().find(is_this).and_then(|known| known.unit.upgrade());
+        let alive = units().alive(&text, library.registry, &[]);
         if let Some(unit) = alive {
             return Ok(unit);
         }
@@ -62,20 +67,71 @@ impl Shared {
         let refuse = |reason| Refused(format!("{}: {reason}", file.display()));
         let description = Description::read(&text).map_err(refuse)?;
         let model = Model::from_description(description, library.registry).map_err(refuse)?;
-        let references = match model.description().standard() {
-            Standard::Fmi2 => References::new(model.variables()),
-            Standard::Fmi3 => super::fmi3::arrays::references(&model),
-        };
         let guid = model_description::guid(&model);
-        let unit = Arc::new(Shared { model: Arc::new(model), references, guid, source: library.source });
-        let known = Known { description: text, registry: library.registry, unit: Arc::downgrade(&unit) };
-        // What goes for it is dropped when this function no longer holds the units.
-        let _gone = units().take_in(known, &unit);
+        let unit = Arc::new(Shared::new(model, guid, library.source, None));
+        unit.take_in(text, library.registry, Vec::new());
         Ok(unit)
+    }
+
+    /// The unit with other sizes.
+    ///
+    /// # Errors
+    /// For sizes that don't fit each other.
+    pub fn resized(unit: &Arc<Self>, sizes: &[usize]) -> Answer<Arc<Self>> {
+        let base = unit.base.as_ref().unwrap_or(unit);
+        if base.model.sizes().values() == sizes {
+            return Ok(Arc::clone(base));
+        }
+        let made_of = units().made_of(base);
+        let alive = made_of.as_ref().and_then(|(text, registry)| units().alive(text, registry, sizes));
+        if let Some(unit) = alive {
+            return Ok(unit);
+        }
+        let model = base.model.resized(sizes).map_err(|reason| Refused(reason.to_string()))?;
+        let unit = Arc::new(Shared::new(model, base.guid, base.source, Some(Arc::clone(base))));
+        if let Some((text, registry)) = made_of {
+            unit.take_in(text, registry, sizes.to_vec());
+        }
+        Ok(unit)
+    }
+
+    fn new(model: Model, guid: [u8; 16], source: &'static str, base: Option<Arc<Shared>>) -> Self {
+        let (references, order_of_states) = match model.description().standard() {
+            Standard::Fmi2 => (References::new(model.variables()), Vec::new()),
+            Standard::Fmi3 => (arrays::references(&model), arrays::order_of_states(&model)),
+        };
+        Shared { model: Arc::new(model), references, guid, source, order_of_states, base }
+    }
+
+    /// Makes it known to instances that come after.
+    fn take_in(self: &Arc<Self>, description: String, registry: Registry, sizes: Vec<usize>) {
+        let known = Known { description, registry, sizes, unit: Arc::downgrade(self) };
+        // What goes for it is dropped when this function no longer holds the units.
+        let _gone = units().take_in(known, self);
+    }
+
+    /// Which saved states are those of an interface of it: of its own sizes, too.
+    pub fn identity(&self, interface: Interface) -> [u8; 16] {
+        let sizes = self.base.as_ref().map_or(String::new(), |_| format!("{:?}", self.model.sizes().values()));
+        snapshot::identity(self.guid, interface, &[self.source, &sizes].concat())
     }
 }
 
 impl Units {
+    /// The unit of a description with these sizes, if it is in memory.
+    fn alive(&self, text: &str, registry: Registry, sizes: &[usize]) -> Option<Arc<Shared>> {
+        let is_this = |known: &&Known| {
+            std::ptr::eq(known.registry, registry) && known.description == text && known.sizes == sizes
+        };
+        self.known.iter().find(is_this).and_then(|known| known.unit.upgrade())
+    }
+
+    /// The description and the kinds that a unit was made of.
+    fn made_of(&self, unit: &Arc<Shared>) -> Option<(String, Registry)> {
+        let known = self.known.iter().find(|known| known.unit.as_ptr() == Arc::as_ptr(unit))?;
+        Some((known.description.clone(), known.registry))
+    }
+
     /// Takes a unit in; those that don't stay any longer.
     fn take_in(&mut self, known: Known, unit: &Arc<Shared>) -> Vec<Arc<Shared>> {
         self.forget_the_dead();

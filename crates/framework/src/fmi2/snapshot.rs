@@ -11,6 +11,8 @@ use super::calls::{Interface, Phase, Standard};
 /// Everything that a continuation depends on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
+    /// Which unit it belongs to, with its sizes, and which interface in which build.
+    pub identity: [u8; 16],
     /// All values.
     pub block: Block,
     /// Where in the state machine.
@@ -36,11 +38,11 @@ pub fn identity(guid: [u8; 16], interface: Interface, source: &str) -> [u8; 16] 
     Uuid::new_v5(&Uuid::from_bytes(guid), name.as_bytes()).into_bytes()
 }
 
-/// A state as bytes. `identity` says which unit and build it belongs to.
-pub fn serialise(snapshot: &Snapshot, identity: [u8; 16]) -> Vec<u8> {
+/// A state as bytes.
+pub fn serialise(snapshot: &Snapshot) -> Vec<u8> {
     let Block { reals, integers } = &snapshot.block;
     let mut content = Vec::with_capacity(serialised_size(&snapshot.block));
-    content.extend(identity);
+    content.extend(snapshot.identity);
     content.push(snapshot.phase as u8);
     content.push(u8::from(snapshot.stop_time.is_some()));
     content.extend(snapshot.stop_time.unwrap_or(0.0).to_le_bytes());
@@ -102,7 +104,7 @@ pub fn deserialise(
     }
     let block = Block { reals, integers };
     model.check_integers(&block).map_err(|reason| format!("corrupted: {reason}"))?;
-    Ok(Snapshot { block, phase, stop_time: (has_stop_time == 1).then_some(stop_time) })
+    Ok(Snapshot { identity, block, phase, stop_time: (has_stop_time == 1).then_some(stop_time) })
 }
 
 fn u32_of(bytes: &[u8]) -> u32 {

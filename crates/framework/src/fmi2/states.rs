@@ -6,7 +6,8 @@ use super::snapshot::{self, Snapshot};
 
 impl Instance {
     fn snapshot(&self) -> Snapshot {
-        Snapshot { block: self.execution.block().clone(), phase: self.phase, stop_time: self.stop_time }
+        let Instance { identity, phase, stop_time, .. } = *self;
+        Snapshot { identity, block: self.execution.block().clone(), phase, stop_time }
     }
 
     /// fmi2GetFMUstate, into the slot of this name, or a new one where it is 0.
@@ -26,10 +27,15 @@ impl Instance {
     /// fmi2SetFMUstate
     ///
     /// # Errors
-    /// When there is no such state.
+    /// When there is no such state, or it is one of other sizes.
     pub fn set_state(&mut self, name: usize) -> Answer {
         let function = self.called(Function::SetFMUstate);
         let saved = self.slots.find(name).ok_or_else(|| unknown_state(function))?;
+        if saved.identity != self.identity {
+            let reason =
+                "this state has other sizes than the instance: reset it, and set these in Configuration Mode first";
+            return Err(Refused(format!("{function}: {reason}")));
+        }
         self.execution.block_mut().copy_from(&saved.block);
         self.phase = saved.phase;
         self.stop_time = saved.stop_time;
@@ -64,9 +70,9 @@ impl Instance {
     /// # Errors
     /// When there is no such state.
     pub fn serialise(&mut self, name: usize) -> Answer<Vec<u8>> {
-        let (identity, function) = (self.identity, self.called(Function::SerializeFMUstate));
+        let function = self.called(Function::SerializeFMUstate);
         let saved = self.slots.find(name).ok_or_else(|| unknown_state(function))?;
-        Ok(snapshot::serialise(saved, identity))
+        Ok(snapshot::serialise(saved))
     }
 
     /// fmi2DeSerializeFMUstate; the name of the new saved state.

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 
 use super::names::{self, Names};
 use super::values::{Offsets, Values, Written};
-use super::{Declaration, OwnStep, Point, Scalar, Section, System};
+use super::{Declaration, OwnStep, Point, Scalar, Section, Size, System};
 use crate::error::Invalid;
 use crate::near;
 use crate::recording::Recorded;
@@ -122,6 +122,11 @@ impl<M: System> DynSystem for M {
 }
 
 type DeclareFunction = fn(toml::Table, Registry, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>;
+type SizesFunction = fn(toml::Table) -> Vec<Size>;
+type ResizedFunction = fn(toml::Table, &[usize], &mut Declaration) -> Result<Resized, Invalid>;
+
+/// A system of other sizes than those of its structure, and the start values that these bring with them.
+type Resized = (Box<dyn DynSystem>, toml::Table);
 
 /// A kind of system that a library knows how to make from a description.
 #[derive(Clone, Copy)]
@@ -131,6 +136,8 @@ pub struct Kind {
     /// Its [`System::DOCUMENTATION`].
     pub documentation: &'static str,
     declare: DeclareFunction,
+    sizes: SizesFunction,
+    resized: ResizedFunction,
 }
 
 /// The kinds of a library.
@@ -139,12 +146,23 @@ pub type Registry = &'static [Kind];
 impl Kind {
     /// The kind of a system.
     pub const fn of<M: System>() -> Kind {
-        Kind { name: M::NAME, documentation: M::DOCUMENTATION, declare: declare::<M> }
+        Kind {
+            name: M::NAME,
+            documentation: M::DOCUMENTATION,
+            declare: declare::<M>,
+            sizes: sizes::<M>,
+            resized: resized::<M>,
+        }
     }
 
     /// The kind that connects systems of other kinds: a whole loop as one system.
-    pub const COMPOSITE: Kind =
-        Kind { name: "composite", documentation: include_str!("composite.md"), declare: super::composite::declare };
+    pub const COMPOSITE: Kind = Kind {
+        name: "composite",
+        documentation: include_str!("composite.md"),
+        declare: super::composite::declare,
+        sizes: |_| Vec::new(),
+        resized: |_, _, _| Err(Invalid::because("the sizes of a composite are fixed")),
+    };
 
     /// True if no two kinds have the same name.
     #[doc(hidden)]
@@ -192,6 +210,27 @@ impl Kind {
         names::apply(names, first, part.as_deref(), d)?;
         Ok(system)
     }
+
+    /// Sizes of a structure that can change.
+    pub(crate) fn sizes(&self, structure: toml::Table) -> Vec<Size> {
+        (self.sizes)(structure)
+    }
+
+    /// Declares its variables with these values of its sizes.
+    ///
+    /// # Errors
+    /// As [`Kind::declare`], and for sizes that don't fit each other.
+    pub(crate) fn declare_resized(
+        &self,
+        structure: toml::Table,
+        sizes: &[usize],
+        names: &Names,
+        d: &mut Declaration,
+    ) -> Result<Resized, Invalid> {
+        let resized = (self.resized)(structure, sizes, d)?;
+        names::apply(names, 0, None, d)?;
+        Ok(resized)
+    }
 }
 
 /// True if two texts are equal, when compiling.
@@ -212,6 +251,16 @@ impl std::fmt::Debug for Kind {
 fn declare<M: System>(structure: toml::Table, _: Registry, d: &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid> {
     let structure = read::<M::Structure>(structure)?;
     Ok(Box::new(M::declare(structure, d)?))
+}
+
+fn sizes<M: System>(structure: toml::Table) -> Vec<Size> {
+    read::<M::Structure>(structure).map_or(Vec::new(), |structure| M::sizes(&structure))
+}
+
+fn resized<M: System>(structure: toml::Table, sizes: &[usize], d: &mut Declaration) -> Result<Resized, Invalid> {
+    let mut structure = read::<M::Structure>(structure)?;
+    let start = M::resize(&mut structure, sizes);
+    Ok((Box::new(M::declare(structure, d)?), start))
 }
 
 pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {

@@ -49,6 +49,7 @@
 //! | method | when | may |
 //! | --- | --- | --- |
 //! | [`System::declare`] | once an instance | allocate, refuse the structure |
+//! | [`System::sizes`], [`System::resize`] | before it, where FMI 3.0 may change sizes of arrays | allocate |
 //! | [`System::prepare`] | before the start, and before the first step after a tunable was set | allocate, refuse the parameters |
 //! | [`System::relate`] | right after `prepare`, whether that refused or not | refuse the parameters |
 //! | [`System::initialise`] | after these, from parameters and present inputs; again at the first step, when every master has set its inputs | refuse the inputs |
@@ -106,6 +107,7 @@ mod names;
 mod point;
 mod quantity;
 mod record;
+mod size;
 mod spec;
 mod start;
 mod unit;
@@ -120,6 +122,7 @@ pub use names::{Described, Named, Names, TAKEN, Word, Words};
 pub use point::Point;
 pub use quantity::{of_outputs, quantities};
 pub use record::Layout;
+pub use size::Size;
 pub use spec::{
     DiscreteSpec, Grid, Many, Shape, Spec, boolean, choice, diagonal, integer, matrix, scalar, selection, vector,
 };
@@ -187,6 +190,19 @@ pub trait System: Sized + Send + Sync + 'static {
     /// # Errors
     /// [`Invalid`] when the structure contradicts itself (sizes that don't fit, say).
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid>;
+
+    /// Sizes of a structure that can change before the start, without a new description: none where the structure fixes them.
+    /// Which variable has which of them follows from [`System::declare`], which must also accept the first k sizes larger by 1.
+    fn sizes(structure: &Self::Structure) -> Vec<Size> {
+        let _ = structure;
+        Vec::new()
+    }
+
+    /// Gives a structure these values of [`System::sizes`]. Returns start values that differ from those of the description, by names.
+    fn resize(structure: &mut Self::Structure, sizes: &[usize]) -> toml::Table {
+        let _ = (structure, sizes);
+        toml::Table::new()
+    }
 
     /// Designs what depends on parameters alone, by whatever it takes: poles that are placed, equations of matrices that are
     /// solved. What it gives is a constant of a recording, so a unit of C sources can't tune the parameters that it reads:

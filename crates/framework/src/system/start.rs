@@ -92,6 +92,29 @@ impl Variables {
         Ok(())
     }
 
+    /// Takes the start values and magnitudes that a description gives the same variables of other sizes, where they differ from
+    /// those that these were declared with.
+    pub(crate) fn take_starts(&mut self, given: &Variables, declared: &Variables) {
+        for ((own, given), declared) in self.list.iter_mut().zip(&given.list).zip(&declared.list) {
+            let shapes = [given.naming, own.naming];
+            match (&mut own.data, &given.data, &declared.data) {
+                (
+                    Data::Real { start, nominal, .. },
+                    Data::Real { start: given_start, nominal: given_nominal, .. },
+                    Data::Real { start: own_start, nominal: own_nominal, .. },
+                ) => {
+                    if given_start != own_start {
+                        *start = resized(given_start, shapes, Beyond::Diagonal);
+                    }
+                    if given_nominal != own_nominal {
+                        *nominal = resized(given_nominal, shapes, Beyond::Nearest);
+                    }
+                }
+                (own, given, _) => own.clone_from(given),
+            }
+        }
+    }
+
     /// The names by which parameters can be set: of whole ones, a user's own, and of the elements of one whose name it begins
     /// with.
     fn parameters_near(&self, name: &str) -> Vec<String> {
@@ -104,6 +127,37 @@ impl Variables {
         });
         names.collect()
     }
+}
+
+/// Value of an element of a matrix that was smaller.
+#[derive(Clone, Copy, PartialEq)]
+enum Beyond {
+    /// The last one of the diagonal there, 0 elsewhere.
+    Diagonal,
+    /// The nearest one.
+    Nearest,
+}
+
+/// Values of an array that has another shape now, as they are stored; new elements of a vector have the last one's.
+fn resized(values: &[f64], [from, to]: [Naming; 2], beyond: Beyond) -> Vec<f64> {
+    let (Naming::Matrix(rows, columns), Naming::Matrix(new_rows, new_columns)) = (from, to) else {
+        let (Naming::Vector(len) | Naming::Diagonal(len)) = to else { return values.to_vec() };
+        let last = values.last().copied().unwrap_or_default();
+        let all = values.iter().copied().chain(std::iter::repeat(last)).take(len);
+        return if values.len() == 1 { values.to_vec() } else { all.collect() };
+    };
+    // One value for all elements, if there are several.
+    if values.len() < rows * columns {
+        return values.to_vec();
+    }
+    let value = |i: usize, j: usize| values[i.min(rows - 1) + j.min(columns - 1) * rows];
+    let last = rows.min(columns) - 1;
+    let element = |k: usize| match (k % new_rows, k / new_rows) {
+        (i, j) if i < rows && j < columns || beyond == Beyond::Nearest => value(i, j),
+        (i, j) if i == j => value(last, last),
+        _ => 0.0,
+    };
+    (0..new_rows * new_columns).map(element).collect()
 }
 
 /// The variable with the place of an element, if it has one of this name beside its own.

@@ -2,7 +2,7 @@
 
 use crate::fmi2::access::References;
 use crate::model::Model;
-use crate::system::{Causality, Data, Element, Naming, Section, Variable, Variables};
+use crate::system::{Causality, Element, Naming, Section, Variable, Variables};
 
 /// A variable of the model description: a scalar, or an array with all its elements.
 #[derive(Debug, Clone, Copy)]
@@ -11,6 +11,8 @@ pub struct Entry<'a> {
     pub element: Element<'a>,
     /// Rows and columns of an array, and how many of these are dimensions; none of a scalar.
     pub shape: Option<([u32; 2], usize)>,
+    /// Number of its variable, in the order of declaration.
+    pub number: usize,
 }
 
 impl<'a> Entry<'a> {
@@ -41,24 +43,28 @@ impl<'a> Entry<'a> {
 }
 
 /// Everything that is shown outside, in the order of declaration.
-pub fn entries(variables: &Variables) -> impl Iterator<Item = Entry<'_>> {
-    variables.iter().filter(|variable| variable.causality != Causality::Hidden).flat_map(|variable| {
-        let shape = shape(variables, variable);
+pub fn entries(model: &Model) -> impl Iterator<Item = Entry<'_>> {
+    let variables = model.variables();
+    let is_shown = |(_, variable): &(usize, &Variable)| variable.causality != Causality::Hidden;
+    variables.iter().enumerate().filter(is_shown).flat_map(move |(number, variable)| {
+        let shape = shape(variables, variable, !model.sizes().is_empty());
         let elements = variable.elements().take(if shape.is_some() { 1 } else { usize::MAX });
-        elements.map(move |element| Entry { element, shape })
+        elements.map(move |element| Entry { element, shape, number })
     })
 }
 
-/// Rows and columns of a variable that is an array, and the number of its dimensions.
-fn shape(variables: &Variables, variable: &Variable) -> Option<([u32; 2], usize)> {
+/// Rows and columns of a variable that is an array, and the number of its dimensions. Where sizes can change, diagonals and matrices
+/// of states are arrays, too.
+fn shape(variables: &Variables, variable: &Variable, is_resizable: bool) -> Option<([u32; 2], usize)> {
     let shape = match variable.naming {
         Naming::Vector(n) => ([n as u32, 1], 1),
+        Naming::Diagonal(n) if is_resizable => ([n as u32, 1], 1),
         Naming::Matrix(rows, columns) => ([rows as u32, columns as u32], 2),
         Naming::Scalar | Naming::Diagonal(_) => return None,
     };
     // The order of states is that in which they are stored, columns first; that of arrays is rows first.
     let is_of_states = matches!(variable.section, Section::State | Section::Derivative);
-    if is_of_states && shape.1 == 2 {
+    if is_of_states && shape.1 == 2 && !is_resizable {
         return None;
     }
     let twin = match variable.section {
@@ -68,30 +74,36 @@ fn shape(variables: &Variables, variable: &Variable) -> Option<([u32; 2], usize)
     };
     // A state and its derivative are arrays both, or none of them.
     let mut both = variables.iter().filter(|v| v.is_real() == variable.is_real() && v.start == variable.start);
-    let is_one = both.all(|v| ![variable.section, twin].contains(&v.section) || is_uniform(v));
-    (is_one && is_uniform(variable)).then_some(shape)
+    let is_one = both.all(|v| ![variable.section, twin].contains(&v.section) || v.is_uniform());
+    (is_one && variable.is_uniform()).then_some(shape)
 }
 
-/// True if all elements have one unit, and names of the system.
-fn is_uniform(variable: &Variable) -> bool {
-    let is_one_unit = match &variable.data {
-        Data::Real { unit, .. } => unit.windows(2).all(|pair| pair[0] == pair[1]),
-        _ => true,
-    };
-    is_one_unit && variable.given.iter().all(Option::is_none)
-}
-
-/// The value references of a model in FMI 3.0.
+/// The value references of a model in FMI 3.0. Where its sizes can change, they are numbers of variables, so that they stay: first
+/// the sizes, then time, then all others.
 pub fn references(model: &Model) -> References {
     let variables = model.variables();
-    let arrays = entries(variables).filter_map(|entry| {
-        let first = References::of(variables, entry.element.variable.element(0));
-        entry.shape.map(|(shape, _)| (first, shape))
-    });
-    References::with_arrays(variables, time(model), arrays)
+    let first = |entry: &Entry| References::of(variables, entry.element.variable.element(0));
+    let arrays = entries(model).filter_map(|entry| entry.shape.map(|(shape, _)| (first(&entry), shape)));
+    let references = References::with_arrays(variables, time(model), arrays);
+    if model.sizes().is_empty() {
+        return references;
+    }
+    let own = entries(model).map(|entry| References::of(variables, entry.element));
+    let numbered = [time(model)].into_iter().chain(own).chain([References::of_indicators(variables)]);
+    references.numbered(model.sizes().list().len(), numbered)
 }
 
-/// The value reference of time.
+/// The place of time, as a reference.
 pub fn time(model: &Model) -> u32 {
     model.time_place() as u32
+}
+
+/// Places of states in the order in which a master has them: arrays by rows, not by columns as they are stored. Empty where these
+/// orders are the same.
+pub fn order_of_states(model: &Model) -> Vec<usize> {
+    let mut states: Vec<Entry> =
+        entries(model).filter(|entry| entry.element.variable.section == Section::State).collect();
+    states.sort_by_key(|entry| entry.element.place());
+    let order: Vec<usize> = states.iter().flat_map(Entry::elements).map(|element| element.place()).collect();
+    if order.is_sorted() { Vec::new() } else { order }
 }

@@ -106,10 +106,12 @@ macro_rules! define_fmi3_functions {
                 fn fmi3GetAdjointDerivative(c: Component, unknowns: R, n: usize, knowns: R, m: usize, seed: *const f64,
                     seeds: usize, result: *mut f64, results: usize) -> Status
                 { fmi3::get_derivative(c, Function::GetAdjointDerivative, (unknowns, n), (knowns, m), (seed, seeds), (result, results)) }
-                fn fmi3EnterConfigurationMode(c: Component) -> Status
-                { fmi3::configuration_mode(c, Function::EnterConfigurationMode) }
-                fn fmi3ExitConfigurationMode(c: Component) -> Status
-                { fmi3::configuration_mode(c, Function::ExitConfigurationMode) }
+                fn fmi3GetUInt64(c: Component, vr: R, n: usize, v: *mut u64, m: usize) -> Status
+                { fmi3::get_uint64(c, (vr, n), (v, m)) }
+                fn fmi3SetUInt64(c: Component, vr: R, n: usize, v: *const u64, m: usize) -> Status
+                { fmi3::set_uint64(c, (vr, n), (v, m)) }
+                fn fmi3EnterConfigurationMode(c: Component) -> Status { fmi3::enter_configuration_mode(c) }
+                fn fmi3ExitConfigurationMode(c: Component) -> Status { fmi3::exit_configuration_mode(c) }
                 fn fmi3EvaluateDiscreteStates(c: Component) -> Status { fmi3::evaluate_discrete_states(c) }
                 fn fmi3UpdateDiscreteStates(c: Component, needed: *mut bool, terminate: *mut bool, nominals: *mut bool,
                     values: *mut bool, defined: *mut bool, time: *mut f64) -> Status
@@ -143,7 +145,7 @@ macro_rules! define_fmi3_functions {
             $crate::define_fmi3_functions! { @no_type
                 fmi3GetFloat32 fmi3SetFloat32 Float32, fmi3GetInt8 fmi3SetInt8 Int8, fmi3GetUInt8 fmi3SetUInt8 UInt8,
                 fmi3GetInt16 fmi3SetInt16 Int16, fmi3GetUInt16 fmi3SetUInt16 UInt16, fmi3GetUInt32 fmi3SetUInt32 UInt32,
-                fmi3GetUInt64 fmi3SetUInt64 UInt64, fmi3GetString fmi3SetString String,
+                fmi3GetString fmi3SetString String,
             }
         }
     };

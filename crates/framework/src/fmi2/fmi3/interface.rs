@@ -88,11 +88,48 @@ pub fn enter_initialization_mode(c: Component, tolerance: Option<f64>, start: f6
     })
 }
 
-/// fmi3EnterConfigurationMode and fmi3ExitConfigurationMode: no unit has structural parameters.
-pub fn configuration_mode(c: Component, function: Function) -> Status {
-    call(c, function, |_| {
-        let name = function.name_in(Standard::Fmi3);
-        Err(Refused(format!("{name}: this unit has no structural parameters")))
+/// fmi3EnterConfigurationMode
+pub fn enter_configuration_mode(c: Component) -> Status {
+    call(c, Function::EnterConfigurationMode, |instance| ok(instance.enter_configuration_mode()))
+}
+
+/// fmi3ExitConfigurationMode
+pub fn exit_configuration_mode(c: Component) -> Status {
+    call(c, Function::ExitConfigurationMode, |instance| ok(instance.exit_configuration_mode()))
+}
+
+/// fmi3GetUInt64
+///
+/// # Safety
+/// Both pointers are those of so many elements.
+pub unsafe fn get_uint64(
+    c: Component,
+    (references, count): (*const ValueReference, usize),
+    (values, values_count): (*mut u64, usize),
+) -> Status {
+    call(c, Function::GetUInt64, |instance| {
+        // SAFETY: as this function asks of its caller.
+        let arrays = unsafe { array(references, count).zip(array_mut(values, values_count)) };
+        let (references, values) = arrays.ok_or_else(|| null(instance, Function::GetUInt64))?;
+        ok(instance.get_uint64(references, values))
+    })
+}
+
+/// fmi3SetUInt64, in Configuration Mode only.
+///
+/// # Safety
+/// Both pointers are those of so many elements.
+pub unsafe fn set_uint64(
+    c: Component,
+    (references, count): (*const ValueReference, usize),
+    (values, values_count): (*const u64, usize),
+) -> Status {
+    // Allowed in all phases: which one it needs, the instance says where it has such variables at all.
+    call(c, Function::GetUInt64, |instance| {
+        // SAFETY: as this function asks of its caller.
+        let arrays = unsafe { array(references, count).zip(array(values, values_count)) };
+        let (references, values) = arrays.ok_or_else(|| null(instance, Function::SetUInt64))?;
+        ok(instance.set_uint64(references, values))
     })
 }
 
@@ -205,7 +242,7 @@ pub unsafe fn set_whole<T: Whole>(
 /// Getters and setters of types that no unit has, which set and give nothing; functions of clocks.
 pub fn no_such_type(c: Component, name: &str, kind: &str, count: usize) -> Status {
     // Allowed in the same phases: in all of them.
-    call(c, Function::GetNumberOfVariableDependencies, |_| match count {
+    call(c, Function::SetDebugLogging, |_| match count {
         0 => Ok(Status::Ok),
         _ => Err(Refused(format!("{name}: this unit has no variable of type {kind}"))),
     })

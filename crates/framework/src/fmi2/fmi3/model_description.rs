@@ -4,14 +4,14 @@ use std::io;
 
 use quick_xml::events::{BytesDecl, Event};
 
-use super::arrays::{Entry, entries, time};
+use super::arrays::{Entry, entries, references, time};
 use crate::fmi2::access::References;
 use crate::fmi2::logger;
 use crate::fmi2::model_description::{
     Attributes, Role, Xml, choices, element, empty, guid, guid_text, number, of_real, start, text, tolerance,
     write_units,
 };
-use crate::model::Model;
+use crate::model::{Extent, Model};
 use crate::recording::{Leaf, Method, Operation, Recording};
 use crate::structure::Place;
 use crate::system::{Causality, Data, Section, Variables};
@@ -50,8 +50,9 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
             ("stepSize", number(description.experiment.step)),
         ];
         empty(xml, "DefaultExperiment", experiment)?;
-        element(xml, "ModelVariables", vec![], |xml| write_variables(xml, model))?;
-        write_structure(xml, model)
+        let references = references(model);
+        element(xml, "ModelVariables", vec![], |xml| write_variables(xml, model, &references))?;
+        write_structure(xml, model, &references)
     })
 }
 
@@ -95,11 +96,12 @@ fn write_types(xml: &mut Xml, variables: &Variables) -> io::Result<()> {
     })
 }
 
-fn write_variables(xml: &mut Xml, model: &Model) -> io::Result<()> {
+fn write_variables(xml: &mut Xml, model: &Model, references: &References) -> io::Result<()> {
     let variables = model.variables();
+    write_sizes(xml, model)?;
     let independent = vec![
         ("name", "time".to_owned()),
-        ("valueReference", time(model).to_string()),
+        ("valueReference", references.outer(time(model)).to_string()),
         ("description", "time".to_owned()),
         ("causality", "independent".to_owned()),
         ("variability", "continuous".to_owned()),
@@ -107,7 +109,7 @@ fn write_variables(xml: &mut Xml, model: &Model) -> io::Result<()> {
     ];
     empty(xml, "Float64", independent)?;
     let jumps = jumping_states(model);
-    entries(variables).try_for_each(|entry| write_variable(xml, variables, &entry, &jumps))?;
+    entries(model).try_for_each(|entry| write_variable(xml, model, references, &entry, &jumps))?;
     let indicators = variables.indicators();
     if indicators.is_empty() {
         return Ok(());
@@ -116,17 +118,45 @@ fn write_variables(xml: &mut Xml, model: &Model) -> io::Result<()> {
     let about = if names.is_empty() { String::new() } else { format!(": {}", names.join("; ")) };
     let attributes = vec![
         ("name", "event_indicators".to_owned()),
-        ("valueReference", References::of_indicators(variables).to_string()),
+        ("valueReference", references.outer(References::of_indicators(variables)).to_string()),
         ("description", format!("event indicators{about}")),
         ("causality", "local".to_owned()),
         ("variability", "continuous".to_owned()),
         ("initial", "calculated".to_owned()),
     ];
-    element(xml, "Float64", attributes, |xml| write_dimension(xml, indicators.len() as u32))
+    element(xml, "Float64", attributes, |xml| {
+        if model.sizes().is_empty() {
+            return write_dimension(xml, Extent::Fixed(indicators.len()));
+        }
+        let [rows, columns] = model.sizes().of_indicators();
+        write_dimension(xml, rows)?;
+        if columns == Extent::Fixed(1) { Ok(()) } else { write_dimension(xml, columns) }
+    })
 }
 
-fn write_dimension(xml: &mut Xml, size: u32) -> io::Result<()> {
-    empty(xml, "Dimension", vec![("start", size.to_string())])
+/// Structural parameters, whose value references are their numbers.
+fn write_sizes(xml: &mut Xml, model: &Model) -> io::Result<()> {
+    model.sizes().list().iter().enumerate().try_for_each(|(number, size)| {
+        let attributes = vec![
+            ("name", size.name.to_owned()),
+            ("valueReference", number.to_string()),
+            ("description", size.description.to_owned()),
+            ("causality", "structuralParameter".to_owned()),
+            ("variability", "fixed".to_owned()),
+            ("min", "1".to_owned()),
+            ("max", size.most.to_string()),
+            ("start", size.value.to_string()),
+        ];
+        empty(xml, "UInt64", attributes)
+    })
+}
+
+fn write_dimension(xml: &mut Xml, extent: Extent) -> io::Result<()> {
+    let attribute = match extent {
+        Extent::Fixed(size) => ("start", size.to_string()),
+        Extent::Size(number) => ("valueReference", number.to_string()),
+    };
+    empty(xml, "Dimension", vec![attribute])
 }
 
 /// States that events or new parameters may change.
@@ -141,18 +171,24 @@ fn jumping_states(model: &Model) -> Vec<bool> {
     variables.reals(Section::State).map(changes).collect()
 }
 
-fn write_variable(xml: &mut Xml, variables: &Variables, entry: &Entry, jumps: &[bool]) -> io::Result<()> {
-    let variable = entry.element.variable;
+fn write_variable(
+    xml: &mut Xml,
+    model: &Model,
+    references: &References,
+    entry: &Entry,
+    jumps: &[bool],
+) -> io::Result<()> {
+    let (variables, variable) = (model.variables(), entry.element.variable);
     let Role { causality, variability, initial, note, has_start } = Role::of(variable);
     let mut attributes = vec![
         ("name", entry.name()),
-        ("valueReference", References::of(variables, entry.element).to_string()),
+        ("valueReference", references.outer(References::of(variables, entry.element)).to_string()),
         ("description", entry.description() + note),
         ("causality", causality.to_owned()),
         ("variability", variability.to_owned()),
     ];
     attributes.extend(initial.map(|initial| ("initial", initial.to_owned())));
-    let kind = write_type(&mut attributes, variables, entry);
+    let kind = write_type(&mut attributes, variables, references, entry);
     if variable.section == Section::State && entry.elements().iter().any(|one| jumps[one.place()]) {
         attributes.push(("reinit", "true".to_owned()));
     }
@@ -162,12 +198,21 @@ fn write_variable(xml: &mut Xml, variables: &Variables, entry: &Entry, jumps: &[
     }
     element(xml, kind, attributes, |xml| match entry.shape {
         None => Ok(()),
-        Some((shape, dimensions)) => shape[..dimensions].iter().try_for_each(|&size| write_dimension(xml, size)),
+        Some((shape, dimensions)) => {
+            let fixed = shape.map(|size| Extent::Fixed(size as usize));
+            let extents = model.sizes().of_variable(entry.number).unwrap_or(fixed);
+            extents[..dimensions].iter().try_for_each(|&extent| write_dimension(xml, extent))
+        }
     })
 }
 
 /// The element of a variable's type; its attributes are added.
-fn write_type(attributes: &mut Attributes, variables: &Variables, entry: &Entry) -> &'static str {
+fn write_type(
+    attributes: &mut Attributes,
+    variables: &Variables,
+    references: &References,
+    entry: &Entry,
+) -> &'static str {
     let element = entry.element;
     match &element.variable.data {
         Data::Real { .. } => {
@@ -180,7 +225,7 @@ fn write_type(attributes: &mut Attributes, variables: &Variables, entry: &Entry)
             }
             if element.variable.section == Section::Derivative {
                 let state = variables.real_at(Section::State, element.place());
-                let state = state.map(|state| References::of(variables, state).to_string());
+                let state = state.map(|state| references.outer(References::of(variables, state)).to_string());
                 attributes.extend(state.map(|state| ("derivative", state)));
             }
             "Float64"
@@ -200,10 +245,10 @@ fn write_type(attributes: &mut Attributes, variables: &Variables, entry: &Entry)
     }
 }
 
-fn write_structure(xml: &mut Xml, model: &Model) -> io::Result<()> {
+fn write_structure(xml: &mut Xml, model: &Model, references: &References) -> io::Result<()> {
     let (variables, structure) = (model.variables(), model.structure());
-    let all: Vec<Entry> = entries(variables).collect();
-    let reference = |entry: &Entry| References::of(variables, entry.element);
+    let all: Vec<Entry> = entries(model).collect();
+    let reference = |entry: &Entry| references.outer(References::of(variables, entry.element));
     // By tables, since large units have tens of thousands of dependencies.
     let mut reals = vec![None; variables.reals(Section::Memory).end];
     let mut integers = vec![None; variables.integers(Section::Memory).end];
@@ -211,7 +256,7 @@ fn write_structure(xml: &mut Xml, model: &Model) -> io::Result<()> {
         let of = if entry.element.variable.is_real() { &mut reals } else { &mut integers };
         entry.elements().iter().for_each(|one| of[variables.index(*one)] = Some(reference(entry)));
     }
-    reals[model.time_place()] = Some(time(model));
+    reals[model.time_place()] = Some(references.outer(time(model)));
     let named = |place: &Place| match *place {
         Place::Real(index) => reals[index],
         Place::Integer(index) => integers[index],
@@ -244,7 +289,7 @@ fn write_structure(xml: &mut Xml, model: &Model) -> io::Result<()> {
         if variables.indicators().is_empty() {
             return Ok(());
         }
-        let indicators = References::of_indicators(variables).to_string();
+        let indicators = references.outer(References::of_indicators(variables)).to_string();
         empty(xml, "EventIndicator", vec![("valueReference", indicators)])
     })
 }

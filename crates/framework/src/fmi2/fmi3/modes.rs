@@ -64,19 +64,25 @@ impl Instance {
     pub fn check_values(&self, function: Function, references: &[u32], values: usize) -> Answer {
         let mut expected = 0;
         for &reference in references {
-            expected += self.unit.references.length(reference).map_err(|_| {
-                let name = self.called(function);
-                let known = element(self.execution.model().variables(), reference);
-                let of =
-                    known.map_or(String::new(), |_| format!(": `{}` is an element of an array", self.name(reference)));
-                Refused(format!("{name}: there is no variable with value reference {reference}{of}"))
-            })?;
+            expected += self.unit.references.length(reference).map_err(|_| self.no_value(function, reference))?;
         }
         if expected == values {
             return Ok(());
         }
         let name = self.called(function);
         Err(Refused(format!("{name}: nValues = {values}, but these variables have {expected} values")))
+    }
+
+    /// Refuses a value reference that no variable has whose values can be read and set.
+    fn no_value(&self, function: Function, reference: u32) -> Refused {
+        let name = self.called(function);
+        if let Some(size) = self.execution.model().sizes().list().get(reference as usize) {
+            return Refused(format!("{name}: `{}` (value reference {reference}) is of type UInt64", size.name));
+        }
+        let place = self.unit.references.inner(reference);
+        let known = place.filter(|&place| element(self.execution.model().variables(), place).is_some());
+        let of = known.map_or(String::new(), |place| format!(": `{}` is an element of an array", self.name(place)));
+        Refused(format!("{name}: there is no variable with value reference {reference}{of}"))
     }
 
     /// fmi3GetFloat64
@@ -138,11 +144,12 @@ impl Instance {
             Function::GetInteger | Function::SetInteger => false,
             _ => return Ok(()),
         };
-        for &reference in references {
-            let (place, _) = self.place(function, reference, Type::Integer)?;
+        for one in self.unit.references.values_of(references) {
+            let (place, _) = self.place(function, one, Type::Integer)?;
             if self.unit.references.is_choice(place) != wants_items {
-                let (name, variable) = (self.called(function), self.name(reference));
+                let (name, variable) = (self.called(function), self.name(one));
                 let is = if wants_items { "Int32" } else { "Enumeration, which Int64 is for" };
+                let reference = self.unit.references.outer(one);
                 return Err(Refused(format!("{name}: `{variable}` (value reference {reference}) is of type {is}")));
             }
         }
@@ -272,10 +279,11 @@ impl Instance {
         let is_known = |variable: &Variable| {
             variable.causality == Causality::Output || matches!(variable.section, Section::State | Section::Derivative)
         };
-        if dependent == References::of_indicators(variables) && self.event_indicators() > 0 {
+        let place = self.unit.references.inner(dependent);
+        if place == Some(References::of_indicators(variables)) && self.event_indicators() > 0 {
             return Ok(self.dependencies_of_indicators());
         }
-        let known = element(variables, dependent).filter(|element| is_known(element.variable));
+        let known = place.and_then(|place| element(variables, place)).filter(|element| is_known(element.variable));
         if known.is_none() || self.unit.references.length(dependent).is_err() {
             let name = self.called(function);
             return Err(Refused(format!(
@@ -314,10 +322,11 @@ impl Instance {
     fn dependencies_of_indicators(&self) -> Vec<Dependence> {
         let variables = self.execution.model().variables();
         let is_known = |entry: &Entry| matches!(entry.element.variable.section, Section::Input | Section::State);
-        let knowns: Vec<u32> = entries(variables)
+        let knowns: Vec<u32> = entries(self.execution.model())
             .filter(is_known)
             .map(|entry| References::of(variables, entry.element))
             .chain([time(self.execution.model())])
+            .map(|place| self.unit.references.outer(place))
             .collect();
         let of = |indicator| {
             let on = move |&independent: &u32| Dependence {
@@ -333,16 +342,16 @@ impl Instance {
 
     /// The variables of places: value reference, number of the element, and whether it is an array.
     fn places(&self) -> BTreeMap<Place, (u32, usize, bool)> {
-        let variables = self.execution.model().variables();
+        let (model, variables) = (self.execution.model(), self.execution.model().variables());
+        let outer = |place| self.unit.references.outer(place);
         let of_entry = |entry: Entry| {
-            let (reference, is_array) = (References::of(variables, entry.element), entry.shape.is_some());
+            let (reference, is_array) = (outer(References::of(variables, entry.element)), entry.shape.is_some());
             let elements = entry.elements().into_iter().enumerate();
             let places = elements.map(move |(k, one)| (Place::of(variables, one), (reference, k, is_array)));
             places.collect::<Vec<_>>()
         };
-        let time = time(self.execution.model());
-        let of_time = (Place::Real(time as usize), (time, 0, false));
-        entries(variables).flat_map(of_entry).chain([of_time]).collect()
+        let of_time = (Place::Real(model.time_place()), (outer(time(model)), 0, false));
+        entries(model).flat_map(of_entry).chain([of_time]).collect()
     }
 }
 
