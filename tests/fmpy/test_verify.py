@@ -85,9 +85,8 @@ def test_the_verdict_is_first_and_is_the_exit_code(known: Path, tmp_path: Path) 
         answer = adaptive_fmu("verify", known, *OFFSET, *options, "--out", tmp_path, "--force")
         return answer.returncode, answer.stdout.splitlines()[0]
 
-    assert study("--require", "max |r|, t >= 0 s <= 1", "--at-most", "0.01") == (
-        0, "Passed: 0 of 500 runs fail; with 95 % confidence fewer than 1 in 100 do."
-    )
+    code, sentence = study("--require", "max |r|, t >= 0 s <= 1", "--at-most", "0.01")
+    assert (code, sentence) == (0, "Passed: 0 of 500 runs fail; with 95 % confidence fewer than 1 in 100 do.")
     code, sentence = study("--at-most", "0.01")
     assert code == 3 and sentence.startswith("Failed: ") and sentence.endswith("with 95 % confidence more than 1 in 100 do.")
     code, sentence = study("--at-most", "0.1", "--runs", "60")
@@ -222,11 +221,11 @@ def test_plants_are_drawn_by_the_covariance_that_records_leave(own: Path, tmp_pa
 
 def test_the_page_shows_what_the_commands_print(own: Path, tmp_path: Path) -> None:
     page = (ROOT / "docs" / "verify.md").read_text()
-    for line in re.findall(r"^adaptive-fmu (verify mine .*)$", page, re.M):
+    for line in re.findall(r"^adaptive-fmu (verify mine .*)$", page, re.MULTILINE):
         words = [word.replace("mine/", f"{own}/") if "=mine/" in word else word for word in shlex.split(line)]
         words[1] = str(own)
         answer = adaptive_fmu(*words, "--out", tmp_path)
-        blocks = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.M | re.S)
+        blocks = re.findall(r"^```(\w*)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
         shown = next(text for language, text in blocks if not language and text.splitlines()[0] in answer.stdout)
         assert answer.returncode == 0 and answer.stdout.startswith(shown), answer
 
