@@ -5,7 +5,7 @@ use std::ffi::{CString, c_char, c_void};
 use std::ptr::null;
 
 use adaptive_fmu::fmi2::access::References;
-use adaptive_fmu::fmi2::fmi3::arrays::entries;
+use adaptive_fmu::fmi2::fmi3::arrays;
 use adaptive_fmu::fmi2::types::{Component, Status};
 use adaptive_fmu::library::REGISTRY;
 use adaptive_fmu::model::{Description, Model};
@@ -24,9 +24,11 @@ unsafe extern "C-unwind" fn log(messages: *mut c_void, _: Status, _: *const c_ch
 
 /// Value references of the Float64 variables of some causalities, and the number of their values.
 fn references(model: &Model, wanted: impl Fn(Causality) -> bool) -> (Vec<u32>, usize) {
-    let variables = model.variables();
-    let found = entries(variables).filter(|it| it.element.variable.is_real() && wanted(it.element.variable.causality));
-    let found: Vec<_> = found.map(|it| (References::of(variables, it.element), it.elements().len())).collect();
+    let (variables, all) = (model.variables(), arrays::references(model));
+    let found =
+        arrays::entries(model).filter(|it| it.element.variable.is_real() && wanted(it.element.variable.causality));
+    let found: Vec<_> =
+        found.map(|it| (all.outer(References::of(variables, it.element)), it.elements().len())).collect();
     let size = found.iter().map(|(_, size)| size).sum();
     (found.into_iter().map(|(reference, _)| reference).collect(), size)
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use roxmltree::{Document, Node};
 use serde::{Deserialize, Serialize};
 
-use super::{Measures, Variable, attribute, elements, in_file, item, missing};
+use super::{Dependencies, Measures, Variable, attribute, elements, in_file, item, missing};
 
 /// The most elements of all arrays together.
 const MOST_ELEMENTS: usize = 1_000_000;
@@ -163,7 +163,7 @@ impl Arrays {
     }
 
     /// Outputs with the variables that they depend on: each element on all elements, since the file has arrays.
-    pub fn dependencies(&self, structure: Node) -> Result<Vec<(usize, Option<Vec<usize>>)>, String> {
+    pub fn dependencies(&self, structure: Node) -> Result<Dependencies, String> {
         let mut all = Vec::new();
         for node in elements(structure, "Output") {
             let outputs = self.places(node.attribute("valueReference").unwrap_or_default())?;

@@ -209,7 +209,9 @@ impl ModelDescription {
 }
 
 /// Variables, the arrays that they are of, and dependences of outputs.
-type Read = (Vec<Variable>, Vec<Array>, Vec<(usize, Option<Vec<usize>>)>);
+type Read = (Vec<Variable>, Vec<Array>, Dependencies);
+/// Places of outputs, and of what each depends on; none where all are possible.
+type Dependencies = Vec<(usize, Option<Vec<usize>>)>;
 
 fn of_fmi_2(document: &Document, units: &[UnitDefinition]) -> Result<Read, String> {
     let root = document.root_element();

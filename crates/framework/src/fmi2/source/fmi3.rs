@@ -38,13 +38,13 @@ impl Tables {
         let indicators = variables.indicators().len() as u32;
         let of_indicators = (indicators > 0).then_some((References::of_indicators(variables), [indicators, 1]));
         let mut found = Tables {
-            arrays: arrays::entries(variables).filter_map(of_entry).chain(of_indicators).collect(),
+            arrays: arrays::entries(model).filter_map(of_entry).chain(of_indicators).collect(),
             discretes: arrays::references(model).discrete().iter().map(|place| place_number(unit, *place)).collect(),
             ..Tables::default()
         };
         found.arrays.sort_unstable();
         let is_known = |section| matches!(section, Section::Input | Section::State);
-        let knowns = arrays::entries(variables).filter(|entry| is_known(entry.element.variable.section));
+        let knowns = arrays::entries(model).filter(|entry| is_known(entry.element.variable.section));
         let knowns = knowns.map(|entry| References::of(variables, entry.element));
         found.independents = knowns.chain([arrays::time(model)]).collect();
         found.find_dependences(unit);
