@@ -114,7 +114,7 @@ fn nothing_is_found_in_a_whole_loop_or_in_a_unit_with_names_of_its_own() {
 type Edit = (&'static str, &'static str, &'static str);
 
 const EDITS: [Edit; 46] = [
-    ("fmiVersion=\"2.0\"", "fmiVersion=\"3.0\"", "fmiVersion = \"3.0\""),
+    ("fmiVersion=\"2.0\"", "fmiVersion=\"1.0\"", "fmiVersion = \"1.0\""),
     ("fmiVersion=\"2.0\"", "", "lacks the required attribute `fmiVersion`"),
     ("modelName=\"L1NonlinearSiso\"", "modelName=\"\"", "modelName is empty"),
     ("guid=\"", "id=\"", "lacks the required attribute `guid`"),

@@ -72,6 +72,17 @@ pub(super) struct Plan {
     pub details: bool,
 }
 
+impl Plan {
+    /// The function that makes the instance.
+    pub fn instantiates(&self) -> &'static str {
+        match (self.standard, self.kind) {
+            (Standard::Fmi2, _) => "fmi2Instantiate",
+            (Standard::Fmi3, MODEL_EXCHANGE) => "fmi3InstantiateModelExchange",
+            (Standard::Fmi3, _) => "fmi3InstantiateCoSimulation",
+        }
+    }
+}
+
 /// A loaded library, with the functions of one version of the standard.
 #[derive(Debug)]
 pub(super) struct Binary {
@@ -204,8 +215,8 @@ impl InProcess {
         };
         if component.is_null() {
             return Err(match log.take() {
-                silent if silent.is_empty() => "instantiation failed, without a message".to_owned(),
-                messages => format!("instantiation failed: {}", messages.joined()),
+                silent if silent.is_empty() => format!("{} failed, without a message", plan.instantiates()),
+                messages => format!("{} failed: {}", plan.instantiates(), messages.joined()),
             });
         }
         let (binary, equations) = (Arc::clone(binary), RefCell::new(Equations::of(kernel)));

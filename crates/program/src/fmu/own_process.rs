@@ -53,7 +53,7 @@ impl OwnProcess {
                 return Ok(unit);
             }
             Ok(Reply { answer: Err(reason), .. }) => reason,
-            Err(reason) => format!("instantiation failed: {reason}"),
+            Err(reason) => format!("{} failed: {reason}", plan.instantiates()),
         };
         let written = unit.written.take();
         Err(if written.is_empty() { refused } else { format!("{refused}; {}", written.joined()) })
