@@ -159,7 +159,12 @@ def test_rates_and_indicators_give_the_bits_of_the_generic_form(name: str, both)
                 instance.setContinuousStates(x, states)
                 at_random(unit, numbers)
                 instance.getEventIndicators(z, indicators)
-                taken.append((bytes(x), bytes(rates), bytes(z), instance.completedIntegratorStep()))
+                try:
+                    taken.append((bytes(x), bytes(rates), bytes(z), instance.completedIntegratorStep()))
+                except FMICallException:
+                    # Fast states leave their range in such steps; both forms refuse the same one.
+                    taken.append((k, bytes(x), bytes(rates)))
+                    break
                 instance.enterEventMode()
             taken.append(unit.messages)
         answers.append(taken)
