@@ -37,14 +37,14 @@ pub struct Arguments {
     ///
     /// Distributions are ±30% (or +-30%; uniform about the present value), LOW..HIGH (uniform), LOW..HIGH/log (uniform
     /// logarithm) and normal(MEAN,DEVIATION), cut at the variable's min and max. NAME is UNIT.variable, where UNIT is a
-    /// component; UNIT may be omitted if only one component has such a variable. event[N].time is the time of the Nth
+    /// component; UNIT may be omitted if only one component has such a variable. `event[N].time` is the time of the Nth
     /// --event.
     #[arg(long, value_name = "NAME=DISTRIBUTION")]
     vary: Vec<Vary>,
     /// Draw A and B of a state-space component from what is known of the plant (repeatable).
     ///
     /// FILE is a model.json of `identify`, with the covariance that the records leave, or a controller's description
-    /// (.toml) with the uncertainty in its [nominal].
+    /// (.toml) with the uncertainty in its `[nominal]`.
     #[arg(long, value_name = "COMPONENT=FILE")]
     vary_from: Vec<VaryFrom>,
     /// Requirement of each run (repeatable) [default: the limits of the loop's metrics]
