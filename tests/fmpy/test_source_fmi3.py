@@ -110,14 +110,14 @@ def stepped(fmu: Fmu3, names: list[str], method: str, event_mode: bool, early_re
 each_name = pytest.mark.parametrize("name", NAMES)
 
 
-@pytest.mark.parametrize(("event_mode", "early_return"), [(False, False), (True, False), (True, True)])
-@pytest.mark.parametrize("method", ["explicit", "stiff"])
 def skip_where_sizes_can_change(fmus: list[Fmu3]) -> None:
     """The generic form numbers variables then, and the other one elements (docs/fmi3.md)."""
     if any(v.causality == "structuralParameter" for v in fmus[0].about.modelVariables):
         pytest.skip("the generic form has other value references, since its sizes can change")
 
 
+@pytest.mark.parametrize(("event_mode", "early_return"), [(False, False), (True, False), (True, True)])
+@pytest.mark.parametrize("method", ["explicit", "stiff"])
 @each_name
 def test_steps_give_the_bits_of_the_generic_form(name: str, method: str, event_mode: bool, early_return: bool, both) -> None:
     fmus = both(name)

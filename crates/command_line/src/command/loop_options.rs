@@ -134,7 +134,6 @@ impl LoopOptions {
             start_time: structure.start_time,
             stop_time: self.until.unwrap_or(structure.stop_time),
             step: self.step.unwrap_or(structure.step),
-            order: self.order.unwrap_or(structure.order),
         };
         check_points(settings, &structure.file)?;
         within_run(&structure.events, settings)?;
@@ -167,7 +166,7 @@ impl LoopOptions {
             start_time: settings.start_time,
             stop_time: settings.stop_time,
             step: settings.step,
-            order: (!self.composite).then(|| settings.order.to_string()),
+            order: (!self.composite).then(|| loaded.order().to_string()),
             composite: self.composite,
             accept_algebraic_loops: self.accept_algebraic_loops,
             cases: self.parameters.case.iter().map(case).collect::<Result<_, Error>>()?,

@@ -155,7 +155,7 @@ impl Run {
 /// A run as a program that is served wants it: how it was run, what came of it, and how it is to be drawn.
 pub fn about(report: &Report, results: Option<&Path>) -> Value {
     let Report { structure, settings, whole, measured, ending, .. } = report;
-    let Settings { start_time, stop_time, step, order } = settings;
+    let (Settings { start_time, stop_time, step }, order) = (settings, structure.order);
     let plots: Vec<Value> = report.diagrams().unwrap_or_default().iter().map(Diagram::without_points).collect();
     json!({ "name": structure.name, "description": structure.description, "ended": ending.word(),
             "metrics": measured, "results": results.map(console::path), "plots": plots,
@@ -228,7 +228,7 @@ pub fn simulated(
     let Results { out, tag, tables } = results;
     let files = LoopFiles::find(name)?;
     let mut structure = options.structure(&files)?;
-    let mut settings = options.settings(&structure)?;
+    let settings = options.settings(&structure)?;
     let whole = options.composite;
     let own_name = own_name(&structure, whole, tag);
     if let Some(out) = out {
@@ -236,9 +236,9 @@ pub fn simulated(
     }
     let loaded = options.units(&structure)?.load(&structure, &options.hosting.hosting()?)?;
     let loaded = loaded.recording(further.iter().copied());
-    settings.order = loaded.order();
-    let Settings { start_time, stop_time, step, order } = settings;
-    let order = if whole { "as a single FMU".to_owned() } else { order.to_string() };
+    structure.order = loaded.order();
+    let Settings { start_time, stop_time, step } = settings;
+    let order = if whole { "as a single FMU".to_owned() } else { structure.order.to_string() };
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
     let told = loaded.told();
     told.iter().for_each(|unit| detail!("{}: {unit}", structure.name));

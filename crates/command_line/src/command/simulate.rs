@@ -12,7 +12,7 @@ use adaptive_fmu::output;
 use adaptive_fmu::report::number;
 use adaptive_fmu::results::{Ending, Report, Verdict};
 use adaptive_fmu::simulation::{Alone, AloneEvent, Compared, Difference, Inputs, Read, Recording, Replay, Share};
-use adaptive_fmu::structure::{Event, Order, Plot, Settings, Structure, within_run};
+use adaptive_fmu::structure::{Event, Plot, Settings, Structure, within_run};
 use adaptive_fmu::template::three_digits;
 use clap::ValueEnum;
 use serde_json::json;
@@ -110,7 +110,6 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         start_time: ends.map(|[first, _]| first).or(description.start_time).unwrap_or(0.0),
         stop_time: arguments.until.or(ends.map(|[_, last]| last)).or(description.stop_time).unwrap_or(STOP_TIME),
         step: arguments.step.or(description.step.filter(|step| *step > 0.0)).unwrap_or(STEP),
-        order: Order::GaussSeidel,
     };
     check_points(settings, fmu.file())?;
     let asked = arguments.event.iter().map(|text| Event::read(text)).collect::<Result<Vec<_>, _>>()?;

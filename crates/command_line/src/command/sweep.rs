@@ -97,10 +97,9 @@ impl Task {
         let options = &arguments.options;
         let files = LoopFiles::find(&arguments.name)?;
         let structure = options.structure(&files)?;
-        let mut settings = options.settings(&structure)?;
+        let settings = options.settings(&structure)?;
         let (units, hosting) = (options.units(&structure)?, options.hosting.hosting()?);
         let first = units.load(&structure, &hosting)?;
-        settings.order = first.order();
         let provenance = options.provenance(&arguments.name, &files, &structure, settings, &first)?;
         let wrong = |reason| Error::Loop { file: "--over".into(), reason };
         let further = if first.can_be_multiplied() { parallel::cores() - 1 } else { 0 };

@@ -238,7 +238,7 @@ impl Task {
         let units = options.units(structure)?;
         let hosting = options.hosting.hosting()?;
         let first = units.load(structure, &hosting)?;
-        settings.order = first.order();
+        let order = first.order();
         let run = options.provenance(&arguments.name, files, structure, settings, &first)?;
         let threads = arguments.threads.map_or_else(parallel::cores, usize::from);
         // The loop of one run; where workers have the runs, that of none.
@@ -259,7 +259,7 @@ impl Task {
             composite: options.composite,
             step: settings.step,
             times: (settings.start_time, settings.stop_time),
-            order: settings.order.to_string(),
+            order: order.to_string(),
             values: structure.all_values(),
             objective,
             parameters: search.ranges().to_vec(),

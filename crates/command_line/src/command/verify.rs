@@ -148,7 +148,7 @@ impl Task {
         let threads = if employed().is_some() || arguments.job.is_some() { 1 } else { parallel::cores() };
         let load = |structure: &_| units.load(structure, &hosting);
         let study = Study::new(structure.clone(), settings, &asked, threads, load)?;
-        let run = options.provenance(&arguments.name, &files, &structure, study.settings(), study.loaded())?;
+        let run = options.provenance(&arguments.name, &files, &structure, settings, study.loaded())?;
         let varied: Vec<_> = study.names().into_iter().zip(study.distributions()).collect();
         let drawn = asked.vary_from.iter().map(|of| adaptive_fmu::sealed::checksum_of_file(&of.file));
         let question = json!({

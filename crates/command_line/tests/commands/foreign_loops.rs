@@ -50,7 +50,7 @@ impl Pair {
     fn recording(&self) -> Recording {
         let structure = LoopFiles::find(self.0.path().to_str().unwrap()).unwrap().structure().unwrap();
         let loaded = LoadedLoop::new(&structure, &self.0.path().join("resources"), &Hosting::InProcess).unwrap();
-        let settings = Settings { start_time: 0.0, stop_time: 0.5, step: 0.1, order: structure.order };
+        let settings = Settings { start_time: 0.0, stop_time: 0.5, step: 0.1 };
         loaded.instantiate(&[]).unwrap().run(settings, |_| true).unwrap()
     }
 

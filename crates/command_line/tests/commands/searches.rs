@@ -17,7 +17,7 @@ fn search(objective: Objective) -> Search {
     let units = structure.components.iter().map(|component| component.fmu.clone());
     let done = program.arg("export").args(units).arg("--out").arg(folder.path()).output().unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    let settings = Settings { start_time: 0.0, stop_time: 5.0, step: 0.01, order: structure.order };
+    let settings = Settings { start_time: 0.0, stop_time: 5.0, step: 0.01 };
     let loaded = LoadedLoop::new(&structure, folder.path(), &Hosting::InProcess).unwrap();
     let between =
         |name: &str, low: f64, high: f64| TunedParameter { name: name.into(), low: Some(low), high: Some(high) };

@@ -49,7 +49,8 @@ pub struct References {
     indicators: u32,
     /// Places of discrete variables that are computed, in FMI 3.0.
     discrete: Vec<Place>,
-    /// Where sizes can change: number of these, and the first places of the other variables, whose references count on from there.
+    /// Number of sizes that can change, if there are some, and the first places of the other variables, whose references count on
+    /// from there.
     numbers: Option<(usize, Vec<u32>)>,
 }
 

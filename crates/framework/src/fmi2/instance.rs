@@ -27,7 +27,7 @@ pub struct Instance {
     pub(crate) execution: Execution,
     /// What it has in common with the other instances of its unit.
     pub(crate) unit: Arc<Shared>,
-    /// Which saved states are its own: those of the same unit, its sizes and interface in the same build.
+    /// Mark of the saved states that are its own: of the same unit, its sizes and interface in the same build.
     pub(super) identity: [u8; 16],
     /// Where messages go.
     pub logger: Logger,

@@ -110,7 +110,7 @@ impl Shared {
         let _gone = units().take_in(known, self);
     }
 
-    /// Which saved states are those of an interface of it: of its own sizes, too.
+    /// Mark of the saved states of an interface of it, with its own sizes.
     pub fn identity(&self, interface: Interface) -> [u8; 16] {
         let sizes = self.base.as_ref().map_or(String::new(), |_| format!("{:?}", self.model.sizes().values()));
         snapshot::identity(self.guid, interface, &[self.source, &sizes].concat())

@@ -11,7 +11,7 @@ use super::calls::{Interface, Phase, Standard};
 /// Everything that a continuation depends on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Snapshot {
-    /// Which unit it belongs to, with its sizes, and which interface in which build.
+    /// Mark of the unit that it belongs to, with its sizes, the interface and the build.
     pub identity: [u8; 16],
     /// All values.
     pub block: Block,

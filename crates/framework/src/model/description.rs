@@ -25,6 +25,14 @@ impl Standard {
             Standard::Fmi3 => "3.0",
         }
     }
+
+    /// Beginning of the names of its functions and constants.
+    pub fn prefix(self) -> &'static str {
+        match self {
+            Standard::Fmi2 => "fmi2",
+            Standard::Fmi3 => "fmi3",
+        }
+    }
 }
 
 /// The description of an FMU, as a person writes it (`modelDescription/NAME.toml`).

@@ -96,7 +96,7 @@ impl Sizes {
         others.iter().all(fits).then_some([rows, columns])
     }
 
-    /// What a dimension is that has these values in models of larger sizes.
+    /// Extent of a dimension that has these values in models of larger sizes.
     fn extent(&self, own: usize, others: &[usize]) -> Option<Extent> {
         if others.iter().all(|other| *other == own) {
             return Some(Extent::Fixed(own));

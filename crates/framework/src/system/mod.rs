@@ -192,7 +192,7 @@ pub trait System: Sized + Send + Sync + 'static {
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid>;
 
     /// Sizes of a structure that can change before the start, without a new description: none where the structure fixes them.
-    /// Which variable has which of them follows from [`System::declare`], which must also accept the first k sizes larger by 1.
+    /// [`System::declare`] decides which variable has which of them; it must also accept the first k sizes larger by 1.
     fn sizes(structure: &Self::Structure) -> Vec<Size> {
         let _ = structure;
         Vec::new()

@@ -81,8 +81,7 @@ impl Runs {
                 && variable.variability == "continuous"
         };
         let outputs = loaded.variables().filter(is_output).map(|(name, ..)| name).collect();
-        let settings =
-            Settings { start_time: 0.0, stop_time: structure.stop_time, step: period, order: structure.order };
+        let settings = Settings { start_time: 0.0, stop_time: structure.stop_time, step: period };
         Ok(Runs { loaded, settings, method, outputs, fmu: component.fmu.clone() })
     }
 

@@ -10,7 +10,7 @@ use crate::fmu::Ready;
 use crate::league::bench::{Benched, SENSOR, benched};
 use crate::nominal::WorstPlant;
 use crate::simulation::{LoadedLoop, Place};
-use crate::structure::{Order, Settings, Structure, Wishes};
+use crate::structure::{Settings, Structure, Wishes};
 use crate::template::Plant;
 
 /// Names in the loop.
@@ -45,7 +45,6 @@ pub struct Trial {
     loaded: LoadedLoop,
     /// Time that its runs may still take; any where there is no limit.
     left: Option<Mutex<Duration>>,
-    order: Order,
     /// Communication step, s.
     pub step: f64,
     sizes: Vec<f64>,
@@ -113,8 +112,8 @@ impl Trial {
         let controls: Option<Vec<_>> = (0..m).map(control).collect();
         let outputs = outputs.ok_or_else(|| refuse("an output of the plant isn't in the loop".to_owned()))?;
         let controls = controls.ok_or_else(|| refuse("an input of the plant isn't connected".to_owned()))?;
-        let (order, step, noise) = (structure.order, structure.step, Vec::new());
-        Ok(Trial { loaded, left: None, order, step, noise, sizes: sizes.to_vec(), outputs, controls })
+        let (step, noise) = (structure.step, Vec::new());
+        Ok(Trial { loaded, left: None, step, noise, sizes: sizes.to_vec(), outputs, controls })
     }
 
     /// The same, all runs of which together may take so long.
@@ -206,7 +205,7 @@ impl Trial {
             return Err(Error::Argument(Invalid::because(reason)));
         }
         let start: Vec<_> = start.into_iter().chain(self.noise.iter().copied()).collect();
-        let settings = Settings { start_time: 0.0, stop_time: duration, step: self.step, order: self.order };
+        let settings = Settings { start_time: 0.0, stop_time: duration, step: self.step };
         let mut course = Course::new(self.outputs.len(), self.controls.len());
         let largest = LOST * self.sizes.iter().copied().fold(0.0, f64::max);
         let (begun, left) = (Instant::now(), self.left());

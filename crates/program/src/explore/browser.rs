@@ -83,8 +83,8 @@ fn begun(name: &str) -> Result<Session, Error> {
     let files = LoopFiles::find(name)?;
     let mut structure = files.structure()?;
     structure.expected_failure = structure.expected_failure.filter(|it| !it.separate_only);
-    let Structure { start_time, stop_time, step, order, .. } = structure;
-    let fine = Settings { start_time, stop_time, step, order };
+    let Structure { start_time, stop_time, step, .. } = structure;
+    let fine = Settings { start_time, stop_time, step };
     let ready = Ready::new()?;
     let load = |structure: &Structure| {
         let Whole { source, values, notes } = Whole::new(structure, ready.library())?;

@@ -76,7 +76,7 @@ impl Platform {
         KNOWN.iter().map(|(.., platform)| *platform)
     }
 
-    /// Where a library of this platform lies in an FMU of a standard.
+    /// The place of a library of this platform in an FMU of a standard.
     pub fn binary_of(&self, standard: Standard, name: &str) -> String {
         if standard == Standard::Fmi2 {
             return self.binary(name);

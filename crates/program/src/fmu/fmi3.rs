@@ -1,7 +1,9 @@
 //! Calls of FMI 3.0: values of whole arrays, where the master names elements.
 
 use std::cell::{Cell, RefCell};
+use std::collections::HashMap;
 use std::ffi::{CString, c_char, c_int, c_void};
+use std::rc::Rc;
 
 use super::in_process::{Binary, Plan, Symbol};
 use super::messages::{Log, log_message};
@@ -53,16 +55,26 @@ pub(super) struct Instance3 {
     firsts: Vec<usize>,
     /// What arrays were set to: a master sets elements, the standard whole arrays.
     set: RefCell<Vec<Option<Vec<f64>>>>,
+    /// A master names the same elements in each step.
+    groups: RefCell<Groups>,
     /// Start and stop time.
     experiment: Cell<(f64, f64)>,
 }
 
-/// Arrays of one type, each once, and how many values they have together.
+/// Arrays of one type, each once, that hold some of the elements that a master names.
+#[derive(Debug)]
 struct Group {
     of: Type,
     arrays: Vec<usize>,
+    references: Vec<u32>,
+    /// Number of their values.
     size: usize,
+    /// Elements: the place in the master's list, that among the values, and the array.
+    elements: Vec<(usize, usize, usize)>,
 }
+
+/// Groups of elements, by the lists that a master names.
+type Groups = HashMap<Vec<u32>, Rc<[Group]>>;
 
 /// Makes an instance; null where that fails.
 ///
@@ -95,6 +107,7 @@ impl Instance3 {
             firsts: firsts.collect(),
             set: RefCell::new(arrays.iter().map(|array| array.start.clone()).collect()),
             arrays: arrays.to_vec(),
+            groups: RefCell::default(),
             experiment: Cell::default(),
         }
     }
@@ -121,13 +134,11 @@ impl Instance3 {
                 Call::Plain(_) => Ok(binary.function::<Plain>(function)?(component)),
                 Call::GetReal(numbers, values) => self.get(binary, numbers, |k, value| {
                     values[k] = value;
-                    Ok(())
+                    true
                 }),
                 Call::GetWhole(_, numbers, values) => self.get(binary, numbers, |k, value| {
-                    let whole = value as i32;
-                    values[k] = whole;
-                    let fits = f64::from(whole) == value;
-                    if fits { Ok(()) } else { Err(format!("{value} is no whole number of 32 bits")) }
+                    values[k] = value as i32;
+                    f64::from(values[k]) == value
                 }),
                 Call::SetReal(numbers, values) => self.set(binary, numbers, |k| values[k]),
                 Call::SetWhole(_, numbers, values) => self.set(binary, numbers, |k| f64::from(values[k])),
@@ -197,53 +208,57 @@ impl Instance3 {
         if k < self.arrays[array].count { Ok((array, k)) } else { Err(format!("there is no element {number}")) }
     }
 
-    /// The arrays of elements, each once, by their types.
-    fn groups(&self, numbers: &[u32]) -> Result<Vec<Group>, String> {
-        let mut groups: Vec<Group> = Vec::new();
-        for &number in numbers {
-            let (array, _) = self.place(number)?;
-            let Array { of, count, .. } = self.arrays[array];
-            let place = groups.iter().position(|group| group.of == of).unwrap_or(groups.len());
-            if place == groups.len() {
-                groups.push(Group { of, arrays: Vec::new(), size: 0 });
+    /// The arrays of elements, by their types.
+    fn groups(&self, numbers: &[u32]) -> Result<Rc<[Group]>, String> {
+        if let Some(known) = self.groups.borrow().get(numbers) {
+            return Ok(Rc::clone(known));
+        }
+        let found: Rc<[Group]> = self.grouped(numbers, |of| of)?.into();
+        self.groups.borrow_mut().insert(numbers.to_vec(), Rc::clone(&found));
+        Ok(found)
+    }
+
+    fn grouped(&self, numbers: &[u32], by: impl Fn(Type) -> Type) -> Result<Vec<Group>, String> {
+        let (mut groups, mut places): (Vec<Group>, HashMap<usize, usize>) = (Vec::new(), HashMap::new());
+        for (k, &number) in numbers.iter().enumerate() {
+            let (array, element) = self.place(number)?;
+            let (of, Array { reference, count, .. }) = (by(self.arrays[array].of), &self.arrays[array]);
+            let own = groups.iter().position(|group| group.of == of).unwrap_or(groups.len());
+            if own == groups.len() {
+                let (arrays, references, elements) = (Vec::new(), Vec::new(), Vec::new());
+                groups.push(Group { of, arrays, references, size: 0, elements });
             }
-            let group = &mut groups[place];
-            if group.arrays.last() != Some(&array) && !group.arrays.contains(&array) {
+            let group = &mut groups[own];
+            let first = *places.entry(array).or_insert_with(|| {
                 group.arrays.push(array);
+                group.references.push(*reference);
                 group.size += count;
-            }
+                group.size - count
+            });
+            group.elements.push((k, first + element, array));
         }
         Ok(groups)
     }
 
-    fn references(&self, arrays: &[usize]) -> Vec<u32> {
-        arrays.iter().map(|&array| self.arrays[array].reference).collect()
-    }
-
-    /// The place of an element among the values of some arrays.
-    fn offset(&self, arrays: &[usize], (array, k): (usize, usize)) -> Option<usize> {
-        let before = arrays.iter().position(|&other| other == array)?;
-        Some(arrays[..before].iter().map(|&other| self.arrays[other].count).sum::<usize>() + k)
-    }
-
+    /// Gives values with their places in the list; `give` is false for one that can't be taken.
     unsafe fn get(
         &self,
         binary: &Binary,
         numbers: &[u32],
-        mut give: impl FnMut(usize, f64) -> Result<(), String>,
+        mut give: impl FnMut(usize, f64) -> bool,
     ) -> Result<Answer, String> {
         let mut worst = OK;
-        for group in self.groups(numbers)? {
-            let references = self.references(&group.arrays);
+        for Group { of, references, size, elements, .. } in self.groups(numbers)?.iter() {
             // SAFETY: as of `call`.
-            let (answer, values) = unsafe { self.read(binary, group.of, &references, group.size)? };
+            let (answer, values) = unsafe { self.read(binary, *of, references, *size)? };
             worst = worst.max(answer);
             if answer >= DISCARD {
                 return Ok(answer);
             }
-            for (k, &number) in numbers.iter().enumerate() {
-                if let Some(offset) = self.offset(&group.arrays, self.place(number)?) {
-                    give(k, values[offset])?;
+            for &(k, place, array) in elements {
+                if !give(k, values[place]) {
+                    let (name, value) = (&self.arrays[array].name, values[place]);
+                    return Err(format!("`{name}` = {value}: only whole numbers of 32 bits can be read"));
                 }
             }
         }
@@ -295,17 +310,19 @@ impl Instance3 {
 
     unsafe fn set(&self, binary: &Binary, numbers: &[u32], value: impl Fn(usize) -> f64) -> Result<Answer, String> {
         let mut worst = OK;
-        for group in self.groups(numbers)? {
-            let references = self.references(&group.arrays);
+        for group in self.groups(numbers)?.iter() {
             // SAFETY: as of `call`.
-            let mut values = unsafe { self.before(binary, &group)? };
-            for (k, &number) in numbers.iter().enumerate() {
-                if let Some(offset) = self.offset(&group.arrays, self.place(number)?) {
-                    values[offset] = value(k);
+            let mut values = unsafe { self.before(binary, group)? };
+            let (least, most) = group.of.range();
+            for &(k, place, array) in &group.elements {
+                values[place] = value(k);
+                if values[place] < least || values[place] > most {
+                    let (name, value, of) = (&self.arrays[array].name, values[place], group.of);
+                    return Err(format!("`{name}` = {value}: {of:?} must be within {least} … {most}"));
                 }
             }
             // SAFETY: likewise.
-            let answer = unsafe { self.write(binary, group.of, &references, &values)? };
+            let answer = unsafe { self.write(binary, group.of, &group.references, &values)? };
             worst = worst.max(answer);
             if answer >= DISCARD {
                 return Ok(answer);
@@ -330,7 +347,7 @@ impl Instance3 {
             return Ok(vec![0.0; group.size]);
         }
         // SAFETY: as of `call`.
-        let (answer, values) = unsafe { self.read(binary, group.of, &self.references(&group.arrays), group.size)? };
+        let (answer, values) = unsafe { self.read(binary, group.of, &group.references, group.size)? };
         if answer >= DISCARD {
             return Err("one element of an array was to be set, and the others can't be read".to_owned());
         }
@@ -341,7 +358,7 @@ impl Instance3 {
     unsafe fn write(&self, binary: &Binary, of: Type, references: &[u32], values: &[f64]) -> Result<Answer, String> {
         macro_rules! write {
             ($type:ty, $name:literal, $convert:expr) => {{
-                let values = values.iter().map($convert).collect::<Result<Vec<$type>, String>>()?;
+                let values: Vec<$type> = values.iter().map($convert).collect();
                 // SAFETY: the type of the function is the standard's; both arrays have the lengths that are passed.
                 unsafe {
                     let call = std::mem::transmute::<Symbol, Set<$type>>(needed(binary, $name)?);
@@ -357,16 +374,16 @@ impl Instance3 {
                     call(self.component, references.as_ptr(), references.len(), values.as_ptr(), values.len())
                 }
             }
-            Type::Float32 => write!(f32, "fmi3SetFloat32", |value: &f64| Ok(*value as f32)),
-            Type::Int8 => write!(i8, "fmi3SetInt8", |value| whole(*value, of)),
-            Type::UInt8 => write!(u8, "fmi3SetUInt8", |value| whole(*value, of)),
-            Type::Int16 => write!(i16, "fmi3SetInt16", |value| whole(*value, of)),
-            Type::UInt16 => write!(u16, "fmi3SetUInt16", |value| whole(*value, of)),
-            Type::Int32 => write!(i32, "fmi3SetInt32", |value| whole(*value, of)),
-            Type::UInt32 => write!(u32, "fmi3SetUInt32", |value| whole(*value, of)),
-            Type::Int64 | Type::Enumeration => write!(i64, "fmi3SetInt64", |value| whole(*value, of)),
-            Type::UInt64 => write!(u64, "fmi3SetUInt64", |value| whole(*value, of)),
-            Type::Boolean => write!(bool, "fmi3SetBoolean", |value: &f64| Ok(*value != 0.0)),
+            Type::Float32 => write!(f32, "fmi3SetFloat32", |value| *value as f32),
+            Type::Int8 => write!(i8, "fmi3SetInt8", |value| *value as i8),
+            Type::UInt8 => write!(u8, "fmi3SetUInt8", |value| *value as u8),
+            Type::Int16 => write!(i16, "fmi3SetInt16", |value| *value as i16),
+            Type::UInt16 => write!(u16, "fmi3SetUInt16", |value| *value as u16),
+            Type::Int32 => write!(i32, "fmi3SetInt32", |value| *value as i32),
+            Type::UInt32 => write!(u32, "fmi3SetUInt32", |value| *value as u32),
+            Type::Int64 | Type::Enumeration => write!(i64, "fmi3SetInt64", |value| *value as i64),
+            Type::UInt64 => write!(u64, "fmi3SetUInt64", |value| *value as u64),
+            Type::Boolean => write!(bool, "fmi3SetBoolean", |value| *value != 0.0),
             Type::String => return Err("a text can't be set to a number".to_owned()),
         })
     }
@@ -391,50 +408,23 @@ impl Instance3 {
         (unknowns, result): (&[u32], &mut [f64]),
         (knowns, seed): (&[u32], &[f64]),
     ) -> Result<Answer, String> {
-        let all = |numbers: &[u32]| {
-            let mut arrays =
-                numbers.iter().map(|&number| Ok(self.place(number)?.0)).collect::<Result<Vec<_>, String>>()?;
-            arrays.sort_unstable();
-            arrays.dedup();
-            let size = arrays.iter().map(|&array| self.arrays[array].count).sum::<usize>();
-            Ok::<_, String>((arrays, size))
-        };
-        let ((of, size), (by, seeds)) = (all(unknowns)?, all(knowns)?);
-        let (mut whole_seed, mut whole) = (vec![0.0; seeds], vec![0.0; size]);
-        for (&known, seed) in knowns.iter().zip(seed) {
-            let offset = self.offset(&by, self.place(known)?);
-            offset.into_iter().for_each(|offset| whole_seed[offset] = *seed);
-        }
-        let (unknown, known) = (self.references(&of), self.references(&by));
+        // Whatever types they have, derivatives are of one.
+        let all = |numbers: &[u32]| self.grouped(numbers, |_| Type::Float64).map(|mut groups| groups.pop());
+        let (Some(of), Some(by)) = (all(unknowns)?, all(knowns)?) else { return Ok(OK) };
+        let (mut whole_seed, mut whole) = (vec![0.0; by.size], vec![0.0; of.size]);
+        by.elements.iter().for_each(|&(k, place, _)| whole_seed[place] = seed[k]);
+        let (unknown, known) = (&of.references, &by.references);
         // SAFETY: as of `call`.
         let answer = unsafe {
             let (seed, result) = (whole_seed.as_ptr(), whole.as_mut_ptr());
-            call(
-                self.component,
-                unknown.as_ptr(),
-                unknown.len(),
-                known.as_ptr(),
-                known.len(),
-                seed,
-                seeds,
-                result,
-                size,
-            )
+            let (unknown, unknowns, known, knowns) = (unknown.as_ptr(), unknown.len(), known.as_ptr(), known.len());
+            call(self.component, unknown, unknowns, known, knowns, seed, by.size, result, of.size)
         };
-        for (&unknown, result) in unknowns.iter().zip(result) {
-            let offset = self.offset(&of, self.place(unknown)?);
-            offset.into_iter().for_each(|offset| *result = whole[offset]);
-        }
+        of.elements.iter().for_each(|&(k, place, _)| result[k] = whole[place]);
         Ok(answer)
     }
 }
 
 fn needed(binary: &Binary, name: &str) -> Result<Symbol, String> {
     binary.symbol(name).ok_or_else(|| format!("its library doesn't export {name}"))
-}
-
-/// A number of a type that may not have it.
-fn whole<T: TryFrom<i64>>(value: f64, of: Type) -> Result<T, String> {
-    let number = Some(value as i64).filter(|whole| *whole as f64 == value);
-    number.and_then(|whole| T::try_from(whole).ok()).ok_or_else(|| format!("{value} is no {of:?}"))
 }

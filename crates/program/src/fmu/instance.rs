@@ -89,7 +89,7 @@ impl Instance {
             return Ok(());
         }
         self.may_try_again.set(answer == DISCARD);
-        let (messages, fmi) = (self.unit.messages(), self.prefix());
+        let (messages, fmi) = (self.unit.messages(), self.standard().prefix());
         Err(self.refusal(
             function,
             match answer {
@@ -109,14 +109,6 @@ impl Instance {
         self.description().standard
     }
 
-    /// The first letters of the standard's names.
-    fn prefix(&self) -> &'static str {
-        match self.standard() {
-            Standard::Fmi2 => "fmi2",
-            Standard::Fmi3 => "fmi3",
-        }
-    }
-
     fn refusal(&self, function: Function, message: String) -> Error {
         Error::Unit { unit: self.name.clone(), function: function.name_in(self.standard()), time: self.time, message }
     }
@@ -125,7 +117,7 @@ impl Instance {
     fn check_numbers(&self, function: Function, numbers: &[f64], name: impl Fn(usize) -> String) -> Result<(), Error> {
         let Some(place) = numbers.iter().position(|number| !number.is_finite()) else { return Ok(()) };
         self.may_try_again.set(true);
-        let (name, number, fmi) = (name(place), Number(numbers[place]), self.prefix());
+        let (name, number, fmi) = (name(place), Number(numbers[place]), self.standard().prefix());
         Err(self.refusal(function, format!("{name} = {number} is not a finite number, but the call returned {fmi}OK")))
     }
 
@@ -252,11 +244,11 @@ impl Instance {
     /// # Errors
     /// When its process doesn't survive that.
     pub fn free(mut self) -> Result<Messages, Error> {
-        let freed = self.unit.free();
+        let (freed, standard) = (self.unit.free(), self.standard());
         let messages = self.unit.messages();
         freed.map(|()| messages).map_err(|message| {
             let unit = self.name.clone();
-            let function = if self.standard() == Standard::Fmi2 { "fmi2FreeInstance" } else { "fmi3FreeInstance" };
+            let function = if standard == Standard::Fmi2 { "fmi2FreeInstance" } else { "fmi3FreeInstance" };
             Error::Unit { unit, function, time: self.time, message }
         })
     }

@@ -83,7 +83,7 @@ impl<'a> Pair<'a> {
         if whole.variables().map(|(name, ..)| name).ne(delayed.variables().map(|(name, ..)| name)) {
             return Err(refuse("a delay line changes the variables of the loop".to_owned()));
         }
-        let separate = units.load_apart(&plain)?;
+        let separate = units.load_apart(&Structure { order: Order::Jacobi, ..plain.clone() })?;
         let checksum = units.checksum(&benched.structure)?;
         let asked: Vec<_> = benched.commands.iter().map(|name| format!("{CONTROLLER}.{name}")).collect();
         // Controls are judged as what is achieved of them, whoever limits them.
@@ -228,8 +228,7 @@ impl<'a> Pair<'a> {
         let tolerances = loaded.variables().filter(|(name, ..)| name.rsplit('.').next() == Some(TOLERANCE));
         start.extend(tolerances.map(|(_, place, _)| (place, tolerance.clone())));
         start.extend(deviation.start.iter().cloned());
-        let order = if form == Form::Separate { Order::Jacobi } else { Order::GaussSeidel };
-        let settings = Settings { start_time: 0.0, stop_time: duration, step, order };
+        let settings = Settings { start_time: 0.0, stop_time: duration, step };
         let mut watch = Watch::new(self.plant, signals, (duration, most));
         let watched = |closed: crate::simulation::ClosedLoop, watch: &mut Watch| {
             closed.watch(settings, &deviation.changes, |time, row| !is_interrupted() && watch.point(time, row))

@@ -52,6 +52,20 @@ impl Type {
         Self::ALL.iter().find(|(name, _)| node.has_tag_name(*name)).map(|(_, one)| *one)
     }
 
+    /// Its least and largest number.
+    pub fn range(self) -> (f64, f64) {
+        match self {
+            Type::Float32 => (f32::MIN.into(), f32::MAX.into()),
+            Type::Int8 => (i8::MIN.into(), i8::MAX.into()),
+            Type::UInt8 => (u8::MIN.into(), u8::MAX.into()),
+            Type::Int16 => (i16::MIN.into(), i16::MAX.into()),
+            Type::UInt16 => (u16::MIN.into(), u16::MAX.into()),
+            Type::UInt32 => (u32::MIN.into(), u32::MAX.into()),
+            Type::UInt64 => (0.0, u64::MAX as f64),
+            _ => (f64::NEG_INFINITY, f64::INFINITY),
+        }
+    }
+
     /// As FMI 2.0 names what it is read as.
     fn in_fmi_2(self) -> &'static str {
         match self {
@@ -68,6 +82,8 @@ impl Type {
 /// these numbers are the references of the variables that they are read as.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Array {
+    /// Its name.
+    pub name: String,
     /// Its value reference.
     pub reference: u32,
     /// Number of its elements.
@@ -131,7 +147,7 @@ impl Arrays {
             }
             let numbers = starts.iter().map(|text| number(text)).collect::<Option<Vec<f64>>>();
             let start = numbers.filter(|numbers| numbers.len() == size && size > 0);
-            all.arrays.push(Array { reference, count: size, of, start });
+            all.arrays.push(Array { name: base.name, reference, count: size, of, start });
             count += size;
         }
         Ok(all)

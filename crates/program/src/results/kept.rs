@@ -181,7 +181,7 @@ mod tests {
     const FUNNEL: PerformanceFunction = PerformanceFunction { start: 5.0, end: 0.5, rate: 0.1 };
 
     fn structure() -> Structure {
-        let settings = Settings { start_time: 2.0, stop_time: 10.0, step: 1e-3, order: Order::Jacobi };
+        let settings = Settings { start_time: 2.0, stop_time: 10.0, step: 1e-3 };
         let mut structure = Structure::bare("loop".into(), "loop".into(), String::new(), settings);
         let plot =
             |names: &[&str]| Plot { signals: names.iter().map(ToString::to_string).collect(), ..Plot::default() };

@@ -14,7 +14,7 @@ use crate::begun;
 use crate::error::Error;
 use crate::sealed::{self, checksum_of_file};
 use crate::simulation::Recording;
-use crate::structure::{Metric, Order, PerformanceFunction, Settings, Statistic, Structure};
+use crate::structure::{Metric, PerformanceFunction, Settings, Statistic, Structure};
 use crate::text_file::{self, csv_fields};
 
 /// Name of the metrics of a run, and of how it came to them.
@@ -136,18 +136,14 @@ impl Recorded {
         let signals = Vec::<(String, String)>::deserialize(&self.told["signals"]).map_err(wrong)?;
         let recording = self.table(signals)?;
         let asked = &self.provenance.settings;
-        let settings = Settings {
-            start_time: asked.start_time,
-            stop_time: asked.stop_time,
-            step: asked.step,
-            order: asked.order.as_deref().and_then(|order| order.parse().ok()).unwrap_or(Order::GaussSeidel),
-        };
+        let settings = Settings { start_time: asked.start_time, stop_time: asked.stop_time, step: asked.step };
         let metric = |About { label, of, minus, funnel }| {
             let funnel = funnel.map(|[start, end, rate]| PerformanceFunction { start, end, rate });
             Metric { label, statistic: Statistic::Max, of, minus, funnel, from: settings.start_time, limit: None }
         };
         let text = |name: &str| self.told[name].as_str().unwrap_or_default().to_owned();
         let mut structure = Structure::bare(file, self.folder.display().to_string(), text("description"), settings);
+        structure.order = asked.order.as_deref().and_then(|order| order.parse().ok()).unwrap_or(structure.order);
         structure.metrics = about.into_iter().map(metric).collect();
         let ending = match self.ended.as_str() {
             "complete" => Ending::Complete,

@@ -169,7 +169,7 @@ mod tests {
     use crate::structure::{IdealModel, Metric, Order, PerformanceFunction, Plot, Statistic};
 
     fn structure() -> Structure {
-        let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3, order: Order::Jacobi };
+        let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3 };
         let mut structure = Structure::bare("loop.ssd".into(), "loop".into(), String::new(), settings);
         let model = |name: &str, input: &str, initial: &[f64]| IdealModel {
             name: name.into(),
@@ -211,7 +211,7 @@ mod tests {
     }
 
     fn recorder<'a>(structure: &'a Structure, place: TablePlace<'a>) -> Recorder<'a> {
-        let settings = Settings { start_time: 0.0, stop_time: 1e7, step: 1.0, order: Order::Jacobi };
+        let settings = Settings { start_time: 0.0, stop_time: 1e7, step: 1.0 };
         Recorder::new(structure, settings, 2, Some(place))
     }
 
@@ -270,8 +270,7 @@ mod tests {
 
     #[test]
     fn a_run_is_long_by_its_points_and_its_signals() {
-        let settings =
-            |points: f64| Settings { start_time: -5.0, stop_time: points - 6.0, step: 1.0, order: Order::Jacobi };
+        let settings = |points: f64| Settings { start_time: -5.0, stop_time: points - 6.0, step: 1.0 };
         assert!(!is_long(settings(KEPT as f64 / 4.0), 3) && is_long(settings(KEPT as f64 / 4.0 + 1.0), 3));
         assert!(is_long(settings(1e7), 1) && !is_long(settings(1e5), 50));
         let (structure, place) =
@@ -316,7 +315,7 @@ mod tests {
     #[test]
     fn a_page_tells_that_points_are_left_out_where_some_are() {
         let (structure, recording) = (structure(), recording(10));
-        let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3, order: Order::Jacobi };
+        let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3 };
         let page = |thinned| {
             let ending = &super::super::Ending::Complete;
             let (structure, recording) = (&structure, &recording);

@@ -146,7 +146,7 @@ impl Report<'_> {
     }
 
     fn push_settings(&self, page: &mut String) {
-        let Settings { start_time, stop_time, step, order } = self.settings;
+        let (Settings { start_time, stop_time, step }, order) = (self.settings, self.structure.order);
         let order = if self.whole { "none (loop as a single FMU)".to_owned() } else { order.to_string() };
         let _ = writeln!(
             page,

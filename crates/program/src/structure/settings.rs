@@ -46,8 +46,6 @@ pub struct Settings {
     pub stop_time: f64,
     /// Communication step, s.
     pub step: f64,
-    /// Order of the units.
-    pub order: Order,
 }
 
 impl Settings {

@@ -81,10 +81,10 @@ pub(super) fn is_whole(samples: f64) -> bool {
 mod tests {
     use super::*;
     use crate::simulation::Recording;
-    use crate::structure::{LoopFiles, Order};
+    use crate::structure::LoopFiles;
 
     fn settings(start_time: f64) -> Settings {
-        Settings { start_time, stop_time: start_time + 2.0, step: 0.25, order: Order::Jacobi }
+        Settings { start_time, stop_time: start_time + 2.0, step: 0.25 }
     }
 
     /// Squares with random weights: the floor ends at the objective, and never falls.

@@ -106,11 +106,8 @@ impl Findings {
     fn keep(&mut self, severity: Severity, at: At, what: String, section: &'static str, advice: String) {
         if self.kept.len() < MOST {
             let [what, advice] = [what, advice].map(|text| shortened(&text, LONGEST_TEXT).into_owned());
-            // The checks are written for FMI 2.0, which has other sections and names.
-            let (what, advice, section) = match self.standard {
-                Standard::Fmi2 => (what, advice, section),
-                Standard::Fmi3 => (what.replace("fmi2", "fmi3"), advice.replace("fmi2", "fmi3"), ""),
-            };
+            // Sections are those of FMI 2.0.
+            let section = if self.standard == Standard::Fmi2 { section } else { "" };
             let standard = self.standard.version();
             self.kept.push(Finding { severity, line: at.line, variable: at.variable, what, standard, section, advice });
         }

@@ -63,8 +63,8 @@ const CO_SIMULATION: [&str; 9] = [
     "fmi2GetStringStatus",
 ];
 
-/// The functions of FMI 3.0 that any FMU exports, and those of its interfaces.
-const COMMON_3: [&str; 66] = [
+/// All functions of FMI 3.0: any FMU exports all of them, whatever interfaces it has (FMI 3.0.1).
+const ALL_3: [&str; 75] = [
     "fmi3GetVersion",
     "fmi3SetDebugLogging",
     "fmi3FreeInstance",
@@ -131,8 +131,6 @@ const COMMON_3: [&str; 66] = [
     "fmi3GetOutputDerivatives",
     "fmi3DoStep",
     "fmi3EnterContinuousTimeMode",
-];
-const EXCHANGE_3: [&str; 9] = [
     "fmi3CompletedIntegratorStep",
     "fmi3SetTime",
     "fmi3SetContinuousStates",
@@ -236,8 +234,7 @@ fn check_library(
     let (common, own): (&[&'static str], &[&'static str]) = match (findings.standard, kind) {
         (Standard::Fmi2, "ModelExchange") => (&COMMON, &EXCHANGE),
         (Standard::Fmi2, _) => (&COMMON, &CO_SIMULATION),
-        (Standard::Fmi3, "ModelExchange") => (&COMMON_3, &EXCHANGE_3),
-        (Standard::Fmi3, _) => (&COMMON_3, &[]),
+        (Standard::Fmi3, _) => (&ALL_3, &[]),
     };
     let section = if kind == "ModelExchange" { "3.2" } else { "4.2" };
     let lacking = |names: &[&'static str]| -> Vec<&'static str> {
@@ -253,7 +250,8 @@ fn check_library(
         }
         if !other.is_empty() {
             let what = format!("{file} does not export {}, which {kind} requires", other.join(", "));
-            let advice = "export every function of the interface; unsupported ones return fmi2Error";
+            let fmi = findings.standard.prefix();
+            let advice = format!("export every function of the interface; unsupported ones return {fmi}Error");
             findings.error(At::line(interface.line), what, section, advice);
         }
     }

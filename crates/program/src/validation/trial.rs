@@ -65,7 +65,7 @@ pub(super) fn run(
     });
     let steps = trial.steps;
     if let Err((section, error)) = ended {
-        let advice = "a call that the standard allows here must return fmi2OK";
+        let advice = format!("a call that the standard allows here must return {}OK", findings.standard.prefix());
         findings.error(At::nowhere(), error.to_string(), section, advice);
     }
     Trial::Ran(steps)
@@ -135,6 +135,7 @@ impl Attempt<'_> {
             let values = instance.states(states).map_err(in_section("3.2.2"))?;
             let rates = instance.state_derivatives(states).map_err(in_section("3.2.2"))?;
             let names = [Function::GetContinuousStates, Function::GetDerivatives];
+            let fmi = self.findings.standard.prefix();
             let names = names.map(|function| function.name_in(self.findings.standard));
             for (name, numbers) in names.into_iter().zip([values, rates]) {
                 if let Some(place) = numbers.iter().position(|number| !number.is_finite()) {
@@ -143,7 +144,7 @@ impl Attempt<'_> {
                         At::nowhere(),
                         what,
                         "3.2.2",
-                        "return finite numbers, or a status other than fmi2OK",
+                        format!("return finite numbers, or a status other than {fmi}OK"),
                     );
                 }
             }
@@ -171,14 +172,14 @@ impl Attempt<'_> {
     }
 
     fn check_values(&mut self, instance: &Instance, time: f64) -> Result<(), Failed> {
-        let values = self.values(instance)?;
+        let (values, fmi) = (self.values(instance)?, self.findings.standard.prefix());
         for (place, value) in values {
             let variable = &self.fmu.description.variables[place];
             if !value.is_finite() {
-                let what = format!("its value is {value} at t = {time} s, returned with fmi2OK");
-                let advice = "return a finite number, or a status other than fmi2OK";
+                let what = format!("its value is {value} at t = {time} s, returned with {fmi}OK");
+                let advice = format!("return a finite number, or a status other than {fmi}OK");
                 if variable.causality == "output" || self.interfaces.state_places.contains(&place) {
-                    self.error(place, what, "2.1.7", advice);
+                    self.error(place, what, "2.1.7", &advice);
                 } else if self.seen.insert(place) {
                     self.findings.warning(At::named(None, &variable.name), what, "2.1.7", advice);
                 }
@@ -186,7 +187,7 @@ impl Attempt<'_> {
             }
             if variable.kind == "Boolean" && value != 0.0 && value != 1.0 {
                 let what = format!("its value is {value} at t = {time} s");
-                self.error(place, what, "2.1.2", "a Boolean must be fmi2True (1) or fmi2False (0)");
+                self.error(place, what, "2.1.2", &format!("a Boolean must be {fmi}True (1) or {fmi}False (0)"));
                 continue;
             }
             let limit = |text: &Option<String>| text.as_deref().and_then(|text| text.trim().parse::<f64>().ok());

@@ -82,7 +82,7 @@ impl Study {
     /// When a quantity or a requirement doesn't fit the loop.
     pub fn new(
         mut structure: Structure,
-        mut settings: Settings,
+        settings: Settings,
         asked: &Asked,
         threads: usize,
         load: impl Fn(&Structure) -> Result<LoadedLoop, Error>,
@@ -93,7 +93,6 @@ impl Study {
         }
         let events = std::mem::take(&mut structure.events);
         let first = load(&structure)?;
-        settings.order = first.order();
         add_metrics(&asked.require, &mut structure, &first).map_err(wrong)?;
         let first = first.recording(structure.signals());
         let plants = asked.vary_from.iter().map(|of| DrawnPlant::new(of, &first)).collect::<Result<_, Error>>()?;
@@ -114,11 +113,6 @@ impl Study {
     /// The loop.
     pub fn structure(&self) -> &Structure {
         &self.structure
-    }
-
-    /// Times, step and order of each run.
-    pub fn settings(&self) -> Settings {
-        self.settings
     }
 
     /// The loop as it was loaded.

@@ -10,7 +10,7 @@ use adaptive_fmu::results::{Comparison, Ending, Report};
 use adaptive_fmu::simulation::Recording;
 use adaptive_fmu::structure::{LoopFiles, Order, Settings, Structure};
 
-const SETTINGS: Settings = Settings { start_time: 0.0, stop_time: 1.0, step: 0.1, order: Order::GaussSeidel };
+const SETTINGS: Settings = Settings { start_time: 0.0, stop_time: 1.0, step: 0.1 };
 
 fn structure(name: &str) -> Structure {
     LoopFiles::find(name).unwrap().structure().unwrap()

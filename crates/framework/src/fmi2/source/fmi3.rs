@@ -1,4 +1,4 @@
-//! What a unit of FMI 3.0 has in addition: arrays, discrete variables that are computed, dependences of elements.
+//! Tables of a unit of FMI 3.0: arrays, discrete variables that are computed, dependences of elements.
 
 use std::collections::{BTreeSet, HashMap};
 

@@ -208,7 +208,7 @@ impl Structure {
 
     /// A loop of no units.
     pub(crate) fn bare(file: PathBuf, name: String, description: String, settings: Settings) -> Self {
-        let Settings { start_time, stop_time, step, order } = settings;
+        let Settings { start_time, stop_time, step } = settings;
         Structure {
             file,
             name,
@@ -221,7 +221,7 @@ impl Structure {
             start_time,
             stop_time,
             step,
-            order,
+            order: Order::GaussSeidel,
             asked_order: None,
             accepts_algebraic_loops: false,
             models: Vec::new(),

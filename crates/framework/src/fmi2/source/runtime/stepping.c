@@ -38,7 +38,7 @@ static void tell_no_instance(const Master *master, const char *function, const c
     }
 }
 
-/* Makes an instance; NULL where that can't be, and the master is told why. */
+/* Makes an instance; NULL where that fails, with a message. */
 static Instance *instantiate(const Master *master, const char *function, Interface interface, const char *name,
                              const char *token, int logging) {
     char room[TEXT_ROOM];
