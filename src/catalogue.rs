@@ -208,4 +208,15 @@ impl Entry {
         }
         kinds
     }
+
+    /// The same as libraries in FMUs need them.
+    pub const fn kinds_in_fmu<const N: usize>(entries: &[Entry]) -> [Kind; N] {
+        let mut kinds = Entry::kinds(entries);
+        let mut k = 0;
+        while k < N {
+            kinds[k] = kinds[k].in_fmu();
+            k += 1;
+        }
+        kinds
+    }
 }

@@ -54,6 +54,9 @@ pub static CATALOGUE: &[Entry] = ENTRIES;
 /// Their kinds, from which the library makes units.
 pub static REGISTRY: Registry = &Entry::kinds::<{ ENTRIES.len() }>(ENTRIES);
 
+/// The same as libraries in FMUs need them.
+pub static IN_FMU: Registry = &Entry::kinds_in_fmu::<{ ENTRIES.len() }>(ENTRIES);
+
 /// What the units are told to be made by.
 pub const PACKAGE: &str = concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION"));
 

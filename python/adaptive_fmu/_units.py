@@ -40,13 +40,15 @@ class Listing(pd.DataFrame):
 
 
 def fmus() -> pd.DataFrame:
-    """Return the FMUs of this package by their names, with their descriptions.
+    """Return the FMUs of this package by their names, with their descriptions and the versions of FMI that `export` writes.
 
     >>> import adaptive_fmu
     >>> adaptive_fmu.fmus().loc["L1NonlinearSiso", "description"]
     'L1 adaptive controller for an uncertain nonlinear SISO system (example 3.2.1)'
+    >>> adaptive_fmu.fmus().loc["L1NonlinearSiso", "versions"]
+    ['2.0', '3.0']
     """
-    return _listed("fmus")
+    return _listed("fmus", "versions")
 
 
 def loops() -> pd.DataFrame:

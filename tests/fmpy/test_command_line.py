@@ -31,6 +31,7 @@ def test_list_names_every_fmu_and_loop_as_json() -> None:
     assert (answer.returncode, answer.stderr) == (0, "")
     listed = json.loads(answer.stdout)
     assert sorted(entry["name"] for entry in listed["fmus"]) == FMU_NAMES
+    assert all(entry["versions"] == ["2.0", "3.0"] for entry in listed["fmus"])
     assert sorted(entry["name"] for entry in listed["loops"]) == sorted(ssd.parent.name for ssd in ROOT.glob("examples/*/*.ssd"))
     assert set(LOOPS) <= {entry["name"] for entry in listed["loops"]}
     assert all(entry["description"] for entries in listed.values() for entry in entries)

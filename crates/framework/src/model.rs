@@ -306,7 +306,9 @@ impl Model {
         let mut block = self.start.clone();
         // They were prepared when the model was made, so nothing is refused here.
         if self.prepare(&mut block, &mut MessageLog::new()).is_ok() {
-            self.system.report(&block.point(self, &mut MessageLog::new()).values(), &mut report);
+            let mut log = MessageLog::new();
+            let point = block.point(self, &mut log);
+            self.kind.report(self.system.as_ref(), &point.values(), &mut report);
             report.reworded(|text| self.variables.told(text));
         }
         report

@@ -64,7 +64,7 @@ mod linked {
         ($($name:ident),+ $(,)?) => { &[$((stringify!($name), Pointer(own::$name as *const ()))),+] };
     }
 
-    /// Those that loops call for co-simulation, and what a library tells of descriptions.
+    /// Those that loops call for co-simulation.
     static FUNCTIONS: &[(&str, Pointer)] = functions![
         fmi2Instantiate,
         fmi2FreeInstance,
@@ -82,6 +82,5 @@ mod linked {
         fmi2SetString,
         fmi2DoStep,
         fmi2GetDirectionalDerivative,
-        adaptive_fmu_describe,
     ];
 }

@@ -4,6 +4,7 @@ use adaptive_fmu::catalogue::{Entry, Trial};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter;
 use adaptive_fmu::library::CATALOGUE;
+use adaptive_fmu::model::{Description, Standard};
 use adaptive_fmu::structure::LoopFiles;
 use serde_json::{Value, json};
 
@@ -19,7 +20,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let mut fmus = Vec::new();
     for (name, _) in exporter::descriptions() {
         let source = exporter::find_description(name)?;
-        let description = adaptive_fmu::model::Description::read(&source.text)
+        let description = Description::read(&source.text)
             .map_err(|invalid| Error::Description { file: source.file, reason: invalid.to_string() })?;
         fmus.push((name, description.description));
     }
@@ -29,13 +30,14 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     }
     let kinds = CATALOGUE.iter().map(|entry| (entry.kind.name, entry.title));
     if arguments.json {
-        let entry = |(name, text): &(_, String)| json!({ "name": name, "description": text });
-        let value = json!({ "fmus": fmus.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>(),
-                            "loops": loops.iter().map(|e| entry(&(*e.0, e.1.clone()))).collect::<Vec<_>>(),
+        let versions = Standard::ALL.map(Standard::version);
+        let fmus = fmus.iter().map(|(name, text)| json!({ "name": name, "description": text, "versions": versions }));
+        let loops = loops.iter().map(|(name, text)| json!({ "name": name, "description": text }));
+        let value = json!({ "fmus": Vec::from_iter(fmus), "loops": Vec::from_iter(loops),
                             "kinds": CATALOGUE.iter().map(kind).collect::<Vec<_>>() });
         say!("{value}");
     } else {
-        say!("FMUs");
+        say!("FMUs, in FMI 2.0, or in FMI 3.0 with `export --fmi 3`");
         fmus.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
         say!("Loops");
         loops.iter().for_each(|(name, text)| say!("  {name:24} {text}"));

@@ -13,7 +13,7 @@ use crate::system::{Element, Variable};
 
 use super::build::{Build, Library};
 use super::kernel::Functions;
-use super::{firmware, fmi3, logger, model_description};
+use super::{firmware, fmi3, logger, model_description, panics};
 
 /// The reply to a description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -80,6 +80,15 @@ enum Reply {
     Kernel(Box<Functions>),
     #[serde(rename = "failure")]
     Failure(String),
+}
+
+/// Answers a question about a description, for a library.
+pub type Answer = fn(Option<&str>, Library) -> String;
+
+/// The answer to a question; a panic on the way is a failure.
+pub fn answered(answer: Answer, description: Option<&str>, library: Library) -> String {
+    panics::contain(|| answer(description, library))
+        .unwrap_or_else(|fault| failure(&format!("internal fault, please report it: {fault}")))
 }
 
 /// The reply, as JSON, to a description's text; without one, what the library is.

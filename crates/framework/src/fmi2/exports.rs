@@ -17,6 +17,33 @@ macro_rules! export_fmi2 {
             $crate::fmi2::build::SOURCE,
             concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION"))
         );
+        $crate::define_describing_functions!();
+    };
+}
+
+/// The functions by which the program describes and exports models that it doesn't have itself.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! define_describing_functions {
+    () => {
+        #[allow(non_snake_case, clippy::missing_safety_doc, unsafe_code)]
+        mod describing_functions {
+            use super::fmi2_functions::library;
+            use std::ffi::c_void;
+            use $crate::fmi2::describe;
+            use $crate::fmi2::interface as fmi2;
+            use $crate::fmi2::types::*;
+
+            // SAFETY of every call: the program gives NULL or a C string, and a function that may be called with its context.
+            $crate::define_fmi2_functions! { @function
+                fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
+                { fmi2::describe(library(), describe::reply, description, reply, context) }
+                fn adaptive_fmu_source(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
+                { fmi2::describe(library(), describe::source, description, reply, context) }
+                fn adaptive_fmu_firmware(request: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
+                { fmi2::describe(library(), describe::firmware, request, reply, context) }
+            }
+        }
     };
 }
 
@@ -139,12 +166,6 @@ macro_rules! define_fmi2_functions {
                 { fmi2::get_continuous_states(c, x, n) }
                 fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
                 { fmi2::get_nominals_of_continuous_states(c, x, n) }
-                fn adaptive_fmu_describe(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(library(), $crate::fmi2::describe::reply, description, reply, context) }
-                fn adaptive_fmu_source(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(library(), $crate::fmi2::describe::source, description, reply, context) }
-                fn adaptive_fmu_firmware(request: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
-                { fmi2::describe(library(), $crate::fmi2::describe::firmware, request, reply, context) }
                 fn adaptive_fmu_kernel_functions(c: Component, folded: Boolean, reply: Option<fmi2::Reply>,
                     context: *mut c_void) -> Boolean
                 { fmi2::kernel_functions(c, folded, reply, context) }

@@ -8,6 +8,7 @@ use super::access::Type;
 use super::boundary::{array, array_mut, call, null, ok, string};
 use super::build::Library;
 use super::calls::{Answer, Function, Interface, Refused, Standard};
+use super::describe;
 use super::instance::Instance;
 pub use super::kernel_interface::{has_kernel, kernel_functions, take_kernel};
 use super::logger::{Callback, ERROR, Logger};
@@ -394,7 +395,7 @@ pub fn cancel_step(c: Component) -> Status {
 /// `description` is NULL or a C string; `reply` may be called with `context`.
 pub unsafe fn describe(
     library: Library,
-    answer: fn(Option<&str>, Library) -> String,
+    answer: describe::Answer,
     description: StringPointer,
     reply: Option<Reply>,
     context: *mut std::ffi::c_void,
@@ -402,12 +403,10 @@ pub unsafe fn describe(
     let Some(reply) = reply else { return super::types::FALSE };
     // SAFETY: as this function asks of its caller.
     let description = unsafe { string(description) };
-    let text = panics::contain(|| match description.map(CStr::to_str).transpose() {
-        Ok(description) => answer(description, library),
-        Err(error) => super::describe::failure(&format!("the description is not UTF-8: {error}")),
-    });
-    let text =
-        text.unwrap_or_else(|fault| super::describe::failure(&format!("internal fault, please report it: {fault}")));
+    let text = match description.map(CStr::to_str).transpose() {
+        Ok(description) => describe::answered(answer, description, library),
+        Err(error) => describe::failure(&format!("the description is not UTF-8: {error}")),
+    };
     let Ok(text) = CString::new(text) else { return super::types::FALSE };
     // SAFETY: the caller's own function, with its own context; the text lives until it returns.
     super::floating_point::as_the_host(|| unsafe { reply(context, text.as_ptr()) });

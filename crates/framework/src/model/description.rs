@@ -18,6 +18,9 @@ pub enum Standard {
 }
 
 impl Standard {
+    /// Every version that FMUs are exported in.
+    pub const ALL: [Standard; 2] = [Standard::Fmi2, Standard::Fmi3];
+
     /// As modelDescription.xml has it.
     pub fn version(self) -> &'static str {
         match self {

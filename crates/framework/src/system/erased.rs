@@ -1,5 +1,6 @@
 //! The same system behind an object-safe interface: its equations compiled for every scalar that they are evaluated over.
 
+use std::any::Any;
 use std::marker::PhantomData;
 
 use serde::de::DeserializeOwned;
@@ -42,14 +43,12 @@ pub trait Equations<S: Scalar> {
 }
 
 /// A [`System`] whose type was erased, over numbers and recordings. Every `System` is one.
-pub trait DynSystem: Equations<f64> + Equations<Recorded> + Send + Sync {
+pub trait DynSystem: Equations<f64> + Equations<Recorded> + Any + Send + Sync {
     /// See [`System::prepare`].
     ///
     /// # Errors
     /// As there.
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid>;
-    /// See [`System::report`].
-    fn report(&self, v: &Values<f64>, report: &mut DesignReport);
     /// See [`System::own_step`].
     fn own_step(&self) -> Option<&dyn OwnStep>;
 }
@@ -113,14 +112,13 @@ impl<M: System> DynSystem for M {
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         System::prepare(self, v)
     }
-    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        System::report(self, v, report);
-    }
     fn own_step(&self) -> Option<&dyn OwnStep> {
         System::own_step(self)
     }
 }
 
+/// Reports on the design of a system of a kind.
+pub(super) type ReportFunction = fn(&dyn DynSystem, &Values<f64>, &mut DesignReport);
 type DeclareFunction = fn(toml::Table, Registry, &mut Declaration) -> Result<Box<dyn DynSystem>, Invalid>;
 type SizesFunction = fn(toml::Table) -> Vec<Size>;
 type ResizedFunction = fn(toml::Table, &[usize], &mut Declaration) -> Result<Resized, Invalid>;
@@ -138,6 +136,7 @@ pub struct Kind {
     declare: DeclareFunction,
     sizes: SizesFunction,
     resized: ResizedFunction,
+    report: Option<ReportFunction>,
 }
 
 /// The kinds of a library.
@@ -152,6 +151,7 @@ impl Kind {
             declare: declare::<M>,
             sizes: sizes::<M>,
             resized: resized::<M>,
+            report: Some(report::<M>),
         }
     }
 
@@ -162,7 +162,14 @@ impl Kind {
         declare: super::composite::declare,
         sizes: |_| Vec::new(),
         resized: |_, _, _| Err(Invalid::because("the sizes of a composite are fixed")),
+        report: Some(super::composite::report),
     };
+
+    /// The kind as a library in an FMU needs it: without its page and its design report, which the program has. The linker
+    /// leaves out what nothing refers to.
+    pub const fn in_fmu(self) -> Kind {
+        Kind { documentation: "", report: None, ..self }
+    }
 
     /// True if no two kinds have the same name.
     #[doc(hidden)]
@@ -209,6 +216,13 @@ impl Kind {
         let system = (self.declare)(structure, registry, d)?;
         names::apply(names, first, part.as_deref(), d)?;
         Ok(system)
+    }
+
+    /// Reports on the design of one of its systems; nothing in an FMU.
+    pub(crate) fn report(&self, system: &dyn DynSystem, v: &Values<f64>, report: &mut DesignReport) {
+        if let Some(function) = self.report {
+            function(system, v, report);
+        }
     }
 
     /// Sizes of a structure that can change.
@@ -261,6 +275,12 @@ fn resized<M: System>(structure: toml::Table, sizes: &[usize], d: &mut Declarati
     let mut structure = read::<M::Structure>(structure)?;
     let start = M::resize(&mut structure, sizes);
     Ok((Box::new(M::declare(structure, d)?), start))
+}
+
+fn report<M: System>(system: &dyn DynSystem, v: &Values<f64>, report: &mut DesignReport) {
+    if let Some(system) = (system as &dyn Any).downcast_ref::<M>() {
+        system.report(v, report);
+    }
 }
 
 pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {

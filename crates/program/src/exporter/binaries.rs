@@ -14,7 +14,7 @@ use super::platform::Platform;
 use crate::cache;
 use crate::error::Error;
 use crate::fmi2::build::{self, Build};
-use crate::library::{PACKAGE, SOURCE};
+use crate::library::{PACKAGE, REGISTRY, SOURCE};
 use crate::model::Standard;
 use crate::text_file;
 
@@ -90,7 +90,12 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
-    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone() };
+    let own = Binary {
+        platform: Platform::own(),
+        build: Build::within(&OWN_BUILD).unwrap_or_default(),
+        glibc: None,
+        file: file.clone(),
+    };
     let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // What is of other sources is told of where the libraries are taken.
@@ -100,9 +105,11 @@ pub fn programs() -> Result<Vec<Binary>, Error> {
 }
 
 /// How this program was built. It holds that as a text, so that the same program for another platform can tell it.
-fn own_build() -> Build {
-    static TEXT: [u8; build::length(PACKAGE, SOURCE)] = build::text(PACKAGE, SOURCE);
-    Build::within(&TEXT).unwrap_or_default()
+static OWN_BUILD: [u8; build::length(PACKAGE, SOURCE)] = build::text(PACKAGE, SOURCE);
+
+/// This package's models, of which the program knows more than the library that goes into FMUs.
+pub(super) fn own_models() -> build::Library {
+    build::Library { registry: REGISTRY, source: SOURCE, build: &OWN_BUILD }
 }
 
 /// Where cargo leaves what it builds for targets that it is told, from where it leaves a program.

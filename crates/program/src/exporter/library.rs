@@ -35,13 +35,26 @@ pub struct Library {
     replies: Mutex<HashMap<Asked, String>>,
 }
 
-/// A question, and the text of the description that it is about; none where it is about the library itself.
-type Asked = (&'static [u8], Option<String>);
+/// The name of a question, and the text of the description that it is about; none where it is about the library itself.
+type Asked = (&'static str, Option<String>);
+
+/// A question about a description.
+struct Question {
+    /// The function that answers it in a library with models of a user.
+    name: &'static str,
+    /// What answers it for this package's models, which are in the program.
+    answer: describe::Answer,
+}
+
+/// What is an FMU of this description, or the library itself?
+const DESCRIBE: Question = Question { name: "adaptive_fmu_describe", answer: describe::reply };
+/// What is its C source?
+const SOURCE: Question = Question { name: "adaptive_fmu_source", answer: describe::source };
+/// What is its controller as C for a target?
+const FIRMWARE: Question = Question { name: "adaptive_fmu_firmware", answer: describe::firmware };
 
 /// So many replies are cached.
 const MOST_REPLIES: usize = 128;
-/// The question what an FMU of a description is.
-const DESCRIBE: &[u8] = b"adaptive_fmu_describe";
 
 /// What a library refuses of a description, with the lines of its file, which may lie in an archive. A text that was changed
 /// since it was read, as by a parameter set, has none.
@@ -161,7 +174,7 @@ impl Library {
             Some(source) => refused(source, &reason),
             None => Error::Library(reason),
         };
-        let reply = self.ask(DESCRIBE, description)?;
+        let reply = self.ask(&DESCRIBE, description)?;
         describe::read(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
@@ -171,7 +184,7 @@ impl Library {
     /// As [`Library::describe`], and for a kind that can't be recorded.
     pub fn source(&self, description: &Source) -> Result<SourceUnit, Error> {
         let refuse = |reason: String| refused(description, &reason);
-        let reply = self.ask(b"adaptive_fmu_source", Some(description))?;
+        let reply = self.ask(&SOURCE, Some(description))?;
         describe::read_source(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
@@ -183,7 +196,7 @@ impl Library {
         let refuse = |reason: String| refused(description, &reason);
         let request = FirmwareRequest { description: description.text.clone(), options: options.clone() };
         let text = serde_json::to_string(&request).map_err(|error| Error::Library(error.to_string()))?;
-        let reply = self.ask(b"adaptive_fmu_firmware", Some(&Source { text, ..description.clone() }))?;
+        let reply = self.ask(&FIRMWARE, Some(&Source { text, ..description.clone() }))?;
         describe::read_firmware(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
@@ -193,13 +206,13 @@ impl Library {
     }
 
     /// The library's reply to a question about a description.
-    fn ask(&self, question: &'static [u8], description: Option<&Source>) -> Result<String, Error> {
-        let asked = (question, description.map(|source| source.text.clone()));
+    fn ask(&self, question: &Question, description: Option<&Source>) -> Result<String, Error> {
+        let asked = (question.name, description.map(|source| source.text.clone()));
         let kept = || self.replies.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reply) = kept().get(&asked) {
             return Ok(reply.clone());
         }
-        let entry = description.filter(|_| question == DESCRIBE).and_then(|source| self.entry(source));
+        let entry = description.filter(|_| question.name == DESCRIBE.name).and_then(|source| self.entry(source));
         let kept_reply = entry.as_ref().and_then(Entry::read).and_then(|bytes| String::from_utf8(bytes).ok());
         let reply = match kept_reply {
             Some(reply) => reply,
@@ -223,19 +236,26 @@ impl Library {
         Entry::of("described", &[self.checksum.as_ref()?, description.text.as_bytes()])
     }
 
-    fn ask_anew(&self, question: &[u8], description: Option<&Source>) -> Result<String, Error> {
+    fn ask_anew(&self, question: &Question, description: Option<&Source>) -> Result<String, Error> {
+        let own = binaries::own_models();
+        if self.binaries.all()[0].build.source == own.source {
+            return Ok(describe::answered(question.answer, description.map(|source| source.text.as_str()), own));
+        }
         let text = description.map(|source| CString::new(source.text.as_str())).transpose();
         let text = text.map_err(|_| {
             let file = description.map(|source| source.file.clone()).unwrap_or_default();
             Error::Description { file, reason: "contains a NUL character".to_owned() }
         })?;
-        let missing =
-            |_| Error::Library(format!("{} exports no models. It needs the line export_fmi2!", self.path.display()));
+        let missing = |_| {
+            let advice =
+                "It needs the line export_fmi2!; a library of this package must be of the program's own version";
+            Error::Library(format!("{} exports no models. {advice}", self.path.display()))
+        };
         let mut reply: Option<String> = None;
         // SAFETY: a library that exports these symbols was made by `export_fmi2`, so they have this type; the text and the
         // reply's place live longer than the call.
         unsafe {
-            let function = self.loaded.get::<DescribeFunction>(question).map_err(missing)?;
+            let function = self.loaded.get::<DescribeFunction>(question.name).map_err(missing)?;
             let text = text.as_ref().map_or(std::ptr::null(), |text| text.as_ptr());
             function(text, Some(keep), std::ptr::from_mut(&mut reply).cast());
         }

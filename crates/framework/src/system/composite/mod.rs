@@ -8,6 +8,7 @@ mod connection;
 mod differences;
 mod schedule;
 
+use std::any::Any;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -68,6 +69,7 @@ pub(crate) struct PartDescription {
 /// A part, and where its values lie.
 struct Part {
     name: Arc<str>,
+    kind: Kind,
     system: Box<dyn DynSystem>,
     /// Where its values begin in the composite's sections.
     base: Offsets,
@@ -146,6 +148,16 @@ pub(super) fn declare(
     Ok(Box::new(Composite { parts, steps, differences }))
 }
 
+/// Reports on the designs of a composite's parts, which take no communication steps.
+pub(super) fn report(system: &dyn DynSystem, v: &Values<f64>, report: &mut DesignReport) {
+    let Some(composite) = (system as &dyn Any).downcast_ref::<Composite>() else { return };
+    report.step = 0.0;
+    for part in &composite.parts {
+        let own = Values { offsets: &part.offsets(v.offsets), ..*v };
+        report.of_part(&part.name, |report| part.kind.report(part.system.as_ref(), &own, report));
+    }
+}
+
 fn declare_part(
     part: &PartDescription,
     registry: Registry,
@@ -170,7 +182,7 @@ fn declare_part(
     let (system, base) = d.part(name, |d| kind.declare(part.structure.clone(), &part.names, registry, d));
     let system = system.map_err(|invalid| invalid.within(name))?;
     let indicators = before.last().map_or(0, |other| other.indicators.end)..d.variables.indicators.len();
-    Ok(Part { name: name.as_str().into(), system, base, indicators, own_states: None })
+    Ok(Part { name: name.as_str().into(), kind: *kind, system, base, indicators, own_states: None })
 }
 
 impl Composite {
@@ -286,15 +298,6 @@ impl DynSystem for Composite {
             }
         }
         invalid.into_result()
-    }
-
-    /// Of its parts, which take no communication steps.
-    fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        report.step = 0.0;
-        for part in &self.parts {
-            let own = Values { offsets: &part.offsets(v.offsets), ..*v };
-            report.of_part(&part.name, |report| part.system.report(&own, report));
-        }
     }
 
     /// A part's own way through a step holds its inputs; the whole is integrated together.
