@@ -133,16 +133,16 @@ fn on_example_6_5_1_lowering_the_gain_only_costs() {
 fn the_page_tells_these_numbers() {
     let page = include_str!("../../../docs/controllers/fuzzy_l1.md");
     for row in [
-        "| constant $K$ = 30 | .34618 | 113.5, 89.5 | 1.958 | .21855 |",
-        "| fuzzy, $k_p$ = .1, $k_d$ = .05 s | .61784 | 58.6, 18.5 | .991 | 1.61690 |",
-        "| fuzzy, normalised | .29080 | 49.9, 27.1 | 1.093 | .65515 |",
-        "| fuzzy, normalised, the eighteen corners tuned | .27644 | 46.9, 26.0 | 1.129 | – |",
-        "| constant, tuned: 9.10, 12.48 | .27993 | 60.2, 48.4 | 1.236 | – |",
-        "| two levels, the low one tuned: 8.33, 11.43 | .26975 | 57.8, 45.2 | 1.098 | – |",
+        "| constant 30 | 0.34618 | 113.5, 89.5 | 1.958 | 0.21855 |",
+        "| fuzzy, $k_p$ = 0.1, $k_d$ = 0.05 s | 0.61784 | 58.6, 18.5 | 0.991 | 1.61690 |",
+        "| fuzzy, normalised | 0.29080 | 49.9, 27.1 | 1.093 | 0.65515 |",
+        "| fuzzy, corners tuned | 0.27644 | 46.9, 26.0 | 1.129 | – |",
+        "| constant, tuned: 9.10, 12.48 | 0.27993 | 60.2, 48.4 | 1.236 | – |",
+        "| two levels, tuned: 8.33, 11.43 | 0.26975 | 57.8, 45.2 | 1.098 | – |",
     ] {
         assert!(page.contains(row), "{row}");
     }
-    for told in ["the normalised row has .29054 and 49.8 N m", "from 113 to 50 N m", "take it to 58", "64.4"] {
+    for told in ["the normalised row has 0.29054 and 49.8 N·m", "from 113 to 50 N·m", "take it to 58", "64.4"] {
         assert!(page.contains(told), "{told}");
     }
     assert!(description(super::ROBOT).contains("omega_min = [[0.5, -2.0], [-2.0, 0.5]]"));
