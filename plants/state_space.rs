@@ -36,11 +36,11 @@ pub struct StateSpaceStructure {
     B: Vec<Vec<f64>>,
     /// Output matrix, p rows of n numbers.
     C: Vec<Vec<f64>>,
-    /// What the input shows in the output at once, p rows of m numbers; nothing where it isn't given.
+    /// Feedthrough matrix, p rows of m numbers; none where it isn't given.
     D: Option<Vec<Vec<f64>>>,
     /// Dead time of each input, s; none where it isn't given.
     delay: Option<Vec<f64>>,
-    /// Derivatives of the outputs that are outputs too, 0 … 2: as far as no input shows in them at once.
+    /// Derivatives of the outputs that are outputs too, 0 … 2: as far as they have no feedthrough.
     #[serde(default)]
     #[schemars(range(max = 2))]
     output_derivatives: usize,

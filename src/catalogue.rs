@@ -171,7 +171,7 @@ impl Entry {
     /// That of whole loops.
     pub const COMPOSITE: Entry = Entry {
         kind: Kind::COMPOSITE,
-        title: "Whole loop as one unit",
+        title: "Composite: a loop as a single FMU",
         page: "composite",
         role: Role::Composite,
         template: None,

@@ -33,7 +33,7 @@ const MOST_ORDER: usize = 3;
 const BY_CONTROLLER: f64 = -1.0;
 const FASTER: f64 = 10.0;
 
-/// What the law knows of the reference beside its value.
+/// Knowledge of the reference in addition to its value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Feedforward {
@@ -53,7 +53,7 @@ pub struct LadrcStructure {
     /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
     #[schemars(range(min = 1, max = MOST_ORDER))]
     order: usize,
-    /// What the law knows of the reference beside its value.
+    /// Knowledge of the reference in addition to its value.
     #[serde(default)]
     feedforward: Feedforward,
     /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.

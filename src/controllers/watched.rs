@@ -48,7 +48,7 @@ impl<T: schemars::JsonSchema> schemars::JsonSchema for WatchedStructure<T> {
     fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
         let mut schema = T::json_schema(generator);
         if let Some(properties) = schema.get_mut("properties").and_then(serde_json::Value::as_object_mut) {
-            let text = "Whether the tracking error is watched against a funnel, the law unchanged.";
+            let text = "True if the tracking error is watched against a funnel, with the control law unchanged.";
             let funnel = serde_json::json!({ "description": text, "type": "boolean", "default": false });
             properties.insert("funnel".to_owned(), funnel);
         }

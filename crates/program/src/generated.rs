@@ -31,7 +31,9 @@ pub fn files(read: impl Fn(&str) -> Result<String, Error>) -> Result<Vec<(String
         ("README.md", vec![("controllers", choices(false))]),
         ("docs/choosing.md", vec![("choices", choices(true))]),
         ("docs/fmus.md", vec![("fmus", fmus(&units))]),
-        ("docs/description.md", vec![("kinds", kinds()), ("structures", structures())]),
+        ("docs/description.md", vec![("kinds", kinds())]),
+        ("docs/description_structure.md", vec![("structures", structures(|key| !of_signals(key)))]),
+        ("docs/description_signals.md", vec![("signals", structures(of_signals))]),
         ("docs/designed.md", vec![("designed", designed(&models))]),
     ] {
         let mut text = read(page)?;
@@ -90,14 +92,23 @@ fn row_of_unit(entry: &Entry, model: &Model) -> String {
     format!("| `{name}` | [{what}]({page}.md) | {inputs} | {outputs} |\n")
 }
 
-/// The variables of a causality: `x[1]` … `x[4]`.
+/// Inputs and outputs that most controllers have: the page of FMUs names them once.
+const COMMON: [&str; 6] =
+    ["enabled", "u_manual", "step_too_long", "time_at_limit", "projection_active", "funnel_reopened"];
+
+/// The variables of a causality without those that most controllers have: `x[1:4]`.
 fn ports(model: &Model, causality: Causality) -> String {
     let elements: Vec<Element> = model.variables().visible().collect();
     let arrays = elements.chunk_by(|a, b| std::ptr::eq(a.variable, b.variable));
-    let shown = arrays.filter(|array| array[0].variable.causality == causality).map(|array| {
+    let listed = arrays
+        .filter(|array| array[0].variable.causality == causality && !COMMON.contains(&array[0].variable.name.as_str()));
+    let shown = listed.map(|array| {
         let names: Vec<_> = array.iter().map(|element| format!("`{}`", element.name())).collect();
         match &names[..] {
-            [first, _, .., last] if first.ends_with("[1]`") => format!("{first} … {last}"),
+            [first, .., last] if first.ends_with("[1]`") => {
+                let end = last.rsplit('[').next().unwrap_or_default();
+                format!("{}:{end}", first.trim_end_matches("]`"))
+            }
             names => names.join(", "),
         }
     });
@@ -123,11 +134,22 @@ fn kinds() -> String {
     table
 }
 
-/// The keys of structures, and whose they are.
-fn structures() -> String {
+/// True for a key that gives names or units of signals.
+fn of_signals(key: &str) -> bool {
+    ["quantities", "units"].iter().any(|name| key.split('.').next() == Some(name))
+}
+
+/// Models whose keys are mostly the same, and what a table calls them.
+const GROUPS: [(&str, &str); 2] = [
+    ("`l1`, `fuzzy-l1`, `l1-quadrotor`, `l1-quadrotor-observed`, `l1-limit`, `l1-sampled`, `l1-ppf`", "all L1"),
+    ("`l1`, `fuzzy-l1`, `l1-quadrotor`, `l1-quadrotor-observed`, `l1-limit`, `l1-sampled`", "L1 but `l1-ppf`"),
+];
+
+/// The keys of structures that are chosen, and whose they are.
+fn structures(chosen: impl Fn(&str) -> bool) -> String {
     let mut rows: Vec<(String, String, Vec<&str>)> = Vec::new();
     for key in schema::keys() {
-        let Some(model) = key.model else { continue };
+        let Some(model) = key.model.filter(|_| chosen(&key.name)) else { continue };
         let text = what_it_is(&key);
         match rows.iter_mut().find(|(name, known, _)| *name == key.name && *known == text) {
             Some((_, _, models)) => models.push(model),
@@ -137,7 +159,8 @@ fn structures() -> String {
     rows.sort_by(|(one, ..), (other, ..)| one.cmp(other));
     let row = |(name, text, models): &(String, String, Vec<&str>)| {
         let models: Vec<_> = models.iter().map(|model| format!("`{model}`")).collect();
-        format!("| `{name}` | {} | {} |\n", models.join(", "), cell(text))
+        let models = GROUPS.iter().fold(models.join(", "), |models, (group, name)| models.replace(group, name));
+        format!("| `{name}` | {models} | {} |\n", cell(text))
     };
     let head = "| key | models | what it is |\n| --- | --- | --- |\n".to_owned();
     head + &rows.iter().map(row).collect::<String>()

@@ -55,7 +55,7 @@ pub enum DesiredDynamics {
     Matrix,
 }
 
-/// What the law commands.
+/// Quantity that the controller commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Commands {
@@ -91,7 +91,7 @@ pub struct L1Structure {
     /// How the desired dynamics are given, where a baseline brings them about.
     #[serde(default)]
     pub(in crate::controllers) desired_dynamics: DesiredDynamics,
-    /// What the law commands.
+    /// Quantity that the controller commands.
     #[serde(default)]
     pub(in crate::controllers) commands: Commands,
     /// The filter D(s); 1/s where none is given.
