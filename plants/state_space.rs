@@ -47,7 +47,7 @@ pub struct StateSpaceStructure {
     /// Units of the signals.
     #[serde(default)]
     units: StateSpaceUnits,
-    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    /// Quantities of the signals in words, as "yaw rate": used in descriptions of variables.
     #[serde(default)]
     quantities: StateSpaceQuantities,
 }

@@ -60,7 +60,7 @@ pub struct FunnelStructure {
     /// Units of the signals.
     #[serde(default)]
     units: OutputUnits,
-    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    /// Quantities of the signals in words, as "yaw rate": used in descriptions of variables.
     #[serde(default)]
     quantities: Quantities,
 }

@@ -44,7 +44,7 @@ pub struct MracStructure {
     /// Units of the signals.
     #[serde(default)]
     units: Symbols,
-    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    /// Quantities of the signals in words, as "yaw rate": used in descriptions of variables.
     #[serde(default)]
     quantities: Quantities,
 }

@@ -31,7 +31,7 @@ pub struct UnmatchedStructure {
     /// Units of the signals.
     #[serde(default)]
     pub(super) units: Units,
-    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    /// Quantities of the signals in words, as "yaw rate": used in descriptions of variables.
     #[serde(default)]
     pub(super) quantities: Quantities,
 }

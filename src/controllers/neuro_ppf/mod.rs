@@ -50,7 +50,7 @@ pub struct NeuroPpfStructure {
     /// Units of the signals.
     #[serde(default)]
     units: Units,
-    /// Quantities of the signals in words, as "yaw rate": what descriptions of variables say.
+    /// Quantities of the signals in words, as "yaw rate": used in descriptions of variables.
     #[serde(default)]
     quantities: Quantities,
 }
