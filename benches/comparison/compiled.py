@@ -70,7 +70,7 @@ def whole_loops(workshop: Workshop) -> list[Row]:
     loops = some(workshop, WHOLE_LOOPS)
     both = folders(workshop, *(word for loop in loops for word in ("--composite", loop)))
     return [
-        steps_of(workshop, f"{loop} as one unit", [folder / f"{name}.fmu" for folder in both], {}, method)
+        steps_of(workshop, f"{loop} as a single FMU", [folder / f"{name}.fmu" for folder in both], {}, method)
         for loop in loops
         for name in [f"Loop_{loop.replace('.', '_').replace('-', '_')}"]
         for method in METHODS

@@ -90,7 +90,7 @@ def by_separate_units(workshop: Workshop, loop: str, peer: InFmpy, how: str, goa
     own, tight = Native(workshop, loop), Native(workshop, loop, *tightly("plant."), *tightly("controller."))
     times, expected = alternately(workshop.repeats, own.seconds, peer.seconds), tight.states()
     errors = difference(own.states(), expected), difference(states(peer.columns), expected)
-    what = f"{loop}, {workshop.stop:g} s by separate units"
+    what = f"{loop}, {workshop.stop:g} s by separate FMUs"
     return Row(what, times[0], goal, how, times[1], errors, (ALLOWED, ALLOWED))
 
 
@@ -121,7 +121,7 @@ def by_compiled_equations(workshop: Workshop, loop: str) -> Row:
     own.settle()
     times, expected = alternately(workshop.repeats, own.seconds, generic.seconds), tight.states()
     errors = difference(own.states(), expected), difference(generic.states(), expected)
-    what = f"{loop}, {workshop.stop:g} s by separate units, equations compiled"
+    what = f"{loop}, {workshop.stop:g} s by separate FMUs, equations compiled"
     return Row(what, times[0], 4, "generic equations", times[1], errors, (ALLOWED, ALLOWED))
 
 

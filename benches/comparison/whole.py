@@ -78,7 +78,7 @@ class Loop:
         return InC(program, self.name, round(self.workshop.stop / SAMPLE), tuple(map(str, words)))
 
     def row(self, goal: float, peer: Peer, own: list[float], theirs: list[float]) -> Row:
-        what = f"{self.name}, {self.workshop.stop:g} s as one unit"
+        what = f"{self.name}, {self.workshop.stop:g} s as a single FMU"
         return Row(what, own, goal, f"all of it in C, {peer.how}", theirs, (self.error, peer.error), (ALLOWED, ALLOWED))
 
 

@@ -15,10 +15,10 @@ LOOPS = ["3.3.1-case1", "3.3.1-case2", "3.3.2-case1", "3.3.3", "3.4.2", "4-case1
 PARTS = [
     "Van der Pol, a step of 10 ms",
     "Van der Pol, a step of 1 ms",
-    "3.3.1-case2, 0.5 s by separate units",
-    "3.3.2-case1, 0.5 s by separate units",
-    "4-case1, 0.5 s by separate units, equations compiled",
-    *(f"{loop}, 0.5 s as one unit" for loop in LOOPS),
+    "3.3.1-case2, 0.5 s by separate FMUs",
+    "3.3.2-case1, 0.5 s by separate FMUs",
+    "4-case1, 0.5 s by separate FMUs, equations compiled",
+    *(f"{loop}, 0.5 s as a single FMU" for loop in LOOPS),
     "4-case1, as it is",
     "`run --all`",
     "instance made",
@@ -26,7 +26,7 @@ PARTS = [
     "`export L1MaresAuv`",
     "`export --all`",
     "number of states",
-    "one unit, stiff, compiled",
+    "single FMU, stiff, compiled",
     "compiled units",
 ]
 PEERS = [

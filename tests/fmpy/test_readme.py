@@ -172,7 +172,7 @@ def test_the_readme_is_short() -> None:
 
 def test_the_time_that_the_readme_tells_is_that_of_the_page() -> None:
     (time,) = re.findall(r"20 s of the loop 3\.3\.1-case1 as a single FMU takes (\d+ ms)", " ".join(README.split()))
-    assert f"| 3.3.1-case1, 20 s as one unit | {time} |" in (DOCS / "speed.md").read_text()
+    assert f"| 3.3.1-case1, 20 s as a single FMU | {time} |" in (DOCS / "speed.md").read_text()
 
 
 def test_no_table_of_the_readme_is_wider_than_a_terminal() -> None:
