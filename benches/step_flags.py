@@ -3,7 +3,7 @@ runs them both ways.
 
     target/venv/bin/python benches/step_flags.py FMUS --seeds 0,1,2,3 6.5.2-l1 6.5.2-neuro
 
-FMUS is the folder of an export. Seed 0 is a loop as it is. docs/step_flags.md shows what this prints. Where a flagged loop
+FMUS is the folder of an export. Seed 0 is a loop as it is. docs/step_size.md shows what this prints. Where a flagged loop
 deviates by more than 5 %, its step is halved until it doesn't, and compared with the step that the warning names.
 """
 

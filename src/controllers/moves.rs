@@ -3,7 +3,7 @@
 //!
 //! A plant gets a control that is held for a step, and so lags by half of it: what acts is wrong by half of what the control
 //! moves by in the step. Where that is a noticeable part of the control, so is the error of its peaks or of its rms
-//! (`docs/step_flags.md` has the measurements behind the numbers here).
+//! (`docs/step_size.md` has the measurements behind the numbers here).
 
 use crate::system::{
     BooleanOf, Declaration, Discrete, Memory, Parameter, Point, Scalar, ScalarOf, Signal, VectorOf, larger, scalar,

@@ -65,7 +65,7 @@ CONTINUOUS = {
 # Where a reference steps, its ideal model is known to a part of the time between recorded points.
 RECORDED = {"3.4.1": 2.5e-4}
 SLACK = {"3.4.1": 2e-4}
-# A control moves by more than 0.13 of itself in the loop's own step (docs/step_flags.md).
+# A control moves by more than 0.13 of itself in the loop's own step (docs/step_size.md).
 FLAGGED = {"6.5.1-l1", "6.5.2-l1"}
 TRACKING = {loop: [label for label in metrics if "u_" not in label] for loop, metrics in CONTINUOUS.items()}
 

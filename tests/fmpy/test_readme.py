@@ -249,11 +249,11 @@ HELD = {
         ("for each {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "BLOCK") // 1e6]),
         ("lines of at most {} MiB", lambda: [constant("crates/identification/src/csv.rs", "LONGEST_LINE") / 2**20]),
     ],
-    "memory.md": [("is freed, {} units at most", lambda: [constant("crates/framework/src/fmi2/shared.rs", "MOST_KEPT")])],
+    "internals.md": [("is freed, {} FMUs at most", lambda: [constant("crates/framework/src/fmi2/shared.rs", "MOST_KEPT")])],
     "foreign_units.md": [
         ("messages, a {} are shown", lambda: [constant("crates/program/src/simulation/closed_loop.rs", "MOST_MESSAGES")]),
     ],
-    "step_flags.md": [
+    "step_size.md": [
         (
             "for at least {} steps, and for at most {}.",
             lambda: [constant("src/controllers/moves.rs", f"{which}_WAIT") for which in ["SHORTEST", "LONGEST"]],

@@ -1,5 +1,5 @@
 //! Nothing is allocated on the path of a step: fmi2SetReal, fmi2DoStep, fmi2GetReal, and all of model exchange; but for
-//! steps that take over parameters, or tell something, which allocate no more than docs/memory.md says.
+//! steps that take over parameters, or tell something, which allocate no more than docs/internals.md says.
 
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library;
@@ -272,7 +272,7 @@ fn tunables(unit: &Unit) -> (Vec<u32>, Vec<f64>) {
 #[test]
 fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
     let (mut wrong, mut rows) = (Vec::new(), String::new());
-    let page = pages::generated("docs/memory.md", "allocations");
+    let page = pages::generated("docs/internals.md", "allocations");
     for name in description_names() {
         let unit = Unit::from_text(&open_description(&name));
         unit.start(0.0);
@@ -302,8 +302,8 @@ fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
     }
     print!("{rows}");
     if pages::updating() {
-        let head = "| unit | allocations of a step that takes parameters over |\n| --- | --- |\n";
-        return pages::write("docs/memory.md", "allocations", &format!("{head}{rows}"));
+        let head = "| FMU | allocations of a step that takes over parameters |\n| --- | --- |\n";
+        return pages::write("docs/internals.md", "allocations", &format!("{head}{rows}"));
     }
     assert!(wrong.is_empty(), "{wrong:#?}: with UPDATE_TABLES=1 the table is written anew");
 }
@@ -311,7 +311,7 @@ fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
 #[test]
 fn a_warning_allocates_no_more_than_the_page_says() {
     assert!(
-        std::fs::read_to_string(common::at_top("docs/memory.md"))
+        std::fs::read_to_string(common::at_top("docs/internals.md"))
             .unwrap()
             .contains(&format!("{OF_A_WARNING} times at most"))
     );

@@ -16,7 +16,7 @@ use common::{OK, Request, Unit, callbacks, description, description_names, guid}
 
 use crate::{BYTES, COUNT};
 
-/// An instance may hold so many bytes beside its values; and so many in all, as docs/memory.md says.
+/// An instance may hold so many bytes beside its values; and so many in all, as docs/internals.md says.
 const OVERHEAD: isize = 3000;
 const MOST: isize = 11_200;
 /// So often what instances of a thread work with may hold their values: as before the step, and with their derivatives in
@@ -43,7 +43,7 @@ fn request(name: &str, folder: &Path) -> Request {
 
 #[test]
 fn a_further_instance_holds_little_more_than_its_values() {
-    assert!(std::fs::read_to_string(common::at_top("docs/memory.md")).unwrap().contains("at most 11.2 kB"));
+    assert!(std::fs::read_to_string(common::at_top("docs/internals.md")).unwrap().contains("at most 11.2 kB"));
     let log = RefCell::default();
     let callbacks = callbacks(&log);
     for name in description_names() {

@@ -1,4 +1,4 @@
-//! Hosts in C++ whose loggers throw, jump, or call in again (docs/hosts.md): what the units promise them.
+//! Hosts in C++ whose loggers throw, jump, or call in again (docs/fmu_behaviour.md): what the units promise them.
 //!
 //! Needs a C++ compiler, `c++` or what `CXX` names.
 #![cfg(unix)]
