@@ -234,7 +234,8 @@ def corrections(study: Path) -> str:
     text = (
         "# Corrections to the thesis\n\nThese are the places where equations or numbers of the [thesis](../sources.md) were "
         "changed before its examples worked, or where it leaves something open. The [report](../report.md) has the same "
-        "list, beside what was measured.\n"
+        "list with measured values.
+"
     )
     for example in tomllib.loads(study.read_text(encoding="utf-8"))["example"]:
         if found := example.get("corrections"):
