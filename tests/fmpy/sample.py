@@ -32,9 +32,9 @@ def every_third_loop(number: int) -> list[str]:
     return LOOP_NAMES[number % 3 :: 3]
 
 
-def third_of_tests(number: int) -> int:
-    """Which third of the tests of each file: each meets each third of the loops."""
-    return number // 3 % 3
+def seventh_of_tests(number: int) -> int:
+    """Which seventh of the tests of each file: each meets each third of the loops."""
+    return number // 3 % 7
 
 
 # For tests of what follows from the framework or from the kind.

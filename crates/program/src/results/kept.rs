@@ -176,7 +176,7 @@ fn curves(structure: &Structure, signals: &Recording) -> Result<Vec<Shows>, Stri
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::structure::{Metric, Order, PerformanceFunction, Plot, Settings, Statistic};
+    use crate::structure::{Metric, PerformanceFunction, Plot, Settings, Statistic};
 
     const FUNNEL: PerformanceFunction = PerformanceFunction { start: 5.0, end: 0.5, rate: 0.1 };
 

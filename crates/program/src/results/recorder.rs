@@ -166,7 +166,7 @@ mod tests {
     use super::super::table::{TABLE, TableMark};
     use super::*;
     use crate::sealed::checksum_of_file;
-    use crate::structure::{IdealModel, Metric, Order, PerformanceFunction, Plot, Statistic};
+    use crate::structure::{IdealModel, Metric, PerformanceFunction, Plot, Statistic};
 
     fn structure() -> Structure {
         let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3 };
