@@ -11,7 +11,7 @@ from zoo import FOLDER, KINDS, PLANTS, NotSound, Refused, closed, design
 
 SAMPLE = sorted(PLANTS) if ALL else sorted(Random(NUMBER).sample(sorted(set(PLANTS) - {"buck", "cd_radial", "piezo_stage"}), 8))
 
-TABLE = (ROOT / "docs/first_designs.md").read_text().splitlines()
+TABLE = (ROOT / "examples/zoo/README.md").read_text().splitlines()
 
 # What has no design, by the words of the reason; every other pair has one.
 REFUSED = {
@@ -86,3 +86,14 @@ def test_what_is_known_of_the_plants_is_so():
         assert ("mimo" in of["traits"]) == (len(model["inputs"]) > 1), name
         assert len(model["inputs"]) == len(model["outputs"]) == len(model["u_max"]), name
     assert len(PLANTS) >= 30
+
+
+def test_the_page_counts_the_designs_of_the_table():
+    page = (ROOT / "docs/first_designs.md").read_text().split("| kind | designs | not sound")[1].splitlines()
+    designs = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in TABLE if line.startswith("| `") and line.split("`")[1] in PLANTS]
+    assert len(designs) == len(PLANTS)
+    for kind, cells in zip(KINDS, list(zip(*designs, strict=True))[2:], strict=True):
+        refused, not_sound = cells.count("–"), cells.count("not sound")
+        counts = [len(cells) - refused - not_sound, *([not_sound] if not_sound else []), refused]
+        row = next(line for line in page if line.startswith(f"| `{kind}` |"))
+        assert [int(cell) for cell in row.split("|")[2:] if cell.strip()] == counts, kind

@@ -41,7 +41,7 @@ class Said:
 
 
     def __str__(self) -> str:
-        """The cell of the table in docs/first_designs.md."""
+        """The cell of the table in examples/zoo/README.md."""
         if self.left is not None:
             return f"{self.left:g} % left"
         return f"{self.settling:g} s, {self.overshoot:g} %, {self.modulus or self.proof:g}"
@@ -86,7 +86,7 @@ def new(folder: Path, kind: str, name: str, plant: str, *options: str) -> subpro
 
 
 def row(plant: str, designs: list[Said | Refused | NotSound]) -> str:
-    """A line of the table in docs/first_designs.md."""
+    """A line of the table in examples/zoo/README.md."""
     of = PLANTS[plant]
     return f"| `{plant}` | {of['bandwidth']:g} | " + " | ".join(map(str, designs)) + " |"
 
