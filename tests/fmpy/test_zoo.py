@@ -90,7 +90,8 @@ def test_what_is_known_of_the_plants_is_so():
 
 def test_the_page_counts_the_designs_of_the_table():
     page = (ROOT / "docs/first_designs.md").read_text().split("| kind | designs | not sound")[1].splitlines()
-    designs = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in TABLE if line.startswith("| `") and line.split("`")[1] in PLANTS]
+    rows = [line for line in TABLE if line.startswith("| `") and line.split("`")[1] in PLANTS]
+    designs = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in rows]
     assert len(designs) == len(PLANTS)
     for kind, cells in zip(KINDS, list(zip(*designs, strict=True))[2:], strict=True):
         refused, not_sound = cells.count("–"), cells.count("not sound")
