@@ -65,7 +65,7 @@ def number(cell: str) -> int:
     return int(re.sub(r"\s", "", cell))
 
 
-each_law = pytest.mark.parametrize("row", table("law"), ids=lambda row: f"{row['law']} {row['substeps']}")
+each_law = pytest.mark.parametrize("row", table("controller"), ids=lambda row: f"{row['controller']} {row['substeps']}")
 each_unit = pytest.mark.parametrize("row", table("unit"), ids=lambda row: row["unit"])
 
 
@@ -196,7 +196,7 @@ def as_told(measured: float, cell: str) -> bool:
 
 @each_law
 def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_target) -> None:
-    name, steps = row["law"], number(row["substeps"])
+    name, steps = row["controller"], number(row["substeps"])
     inputs = inputs_of(laws, name)
     expected = laws.outputs(name, steps, inputs)
     found = on_target(name, steps).outputs
@@ -208,9 +208,9 @@ def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_targe
 
 @each_law
 def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
-    told = on_target(row["law"], number(row["substeps"]))
+    told = on_target(row["controller"], number(row["substeps"]))
     mean = told.instructions.mean()
-    worst = on_target(row["law"], number(row["substeps"]), True)
+    worst = on_target(row["controller"], number(row["substeps"]), True)
     most = max(told.instructions.max(), worst.instructions.max())
     assert most <= number(row["a step, at most"]) <= 1.2 * most
     assert as_told(mean, row["a step, mean"])
@@ -220,7 +220,7 @@ def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
 
 @each_law
 def test_a_law_takes_the_memory_that_the_page_tells_and_allocates_none(row, laws, law_object, tmp_path) -> None:
-    name, whole = row["law"], tmp_path / "whole.o"
+    name, whole = row["controller"], tmp_path / "whole.o"
     folder = laws.firmware(name, number(row["substeps"]))
     (tmp_path / "state.c").write_text(f'#include "{name}.h"\n\n{name} controller;\n')
     # With all that it takes of the libraries, and nothing else.
@@ -261,8 +261,8 @@ def test_whole_units_are_compiled_for_the_target_without_a_warning(row, laws, tm
 @pytest.mark.parametrize("machine", ["M7", "M4F", "M7 float", "M4F float"])
 def test_vectors_are_replayed_on_the_target(machine, laws, tmp_path) -> None:
     """One law a commit, on two boards, in double and in float."""
-    names = sorted({row["law"] for row in table("law")})
-    rows = [row for row in table("law") if row["law"] == names[NUMBER % len(names)] and number(row["substeps"]) < 100]
+    names = sorted({row["controller"] for row in table("controller")})
+    rows = [row for row in table("controller") if row["controller"] == names[NUMBER % len(names)] and number(row["substeps"]) < 100]
     name, folder = rows[0]["law"], laws.firmware(rows[0]["law"], number(rows[0]["substeps"]))
     core, *kind = machine.split()
     board = {"M7": MACHINE, "M4F": ["-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"]}[core]
