@@ -66,7 +66,7 @@ def number(cell: str) -> int:
 
 
 each_law = pytest.mark.parametrize("row", table("controller"), ids=lambda row: f"{row['controller']} {row['substeps']}")
-each_unit = pytest.mark.parametrize("row", table("unit"), ids=lambda row: row["unit"])
+each_unit = pytest.mark.parametrize("row", table("FMU with sources"), ids=lambda row: row["FMU with sources"])
 
 
 @dataclass
@@ -252,7 +252,7 @@ def test_work_is_bounded_whatever_the_inputs(name, laws, law_object, tmp_path) -
 @each_unit
 def test_whole_units_are_compiled_for_the_target_without_a_warning(row, laws, tmp_path) -> None:
     flags, made = [*WARNINGS, *MACHINE, *SAME_BITS, "-DFMI2_STATIC_INSTANCES=1"], tmp_path / "all.o"
-    built(COMPILER, *flags, "-c", laws.sources(row["unit"]) / "all.c", "-o", made)
+    built(COMPILER, *flags, "-c", laws.sources(row["FMU with sources"]) / "all.c", "-o", made)
     flash, memory = sizes(made)
     assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)
     assert not FORBIDDEN & {line.split()[-1] for line in output_of(SYMBOLS, made).splitlines()}

@@ -34,7 +34,7 @@ pub fn files(read: impl Fn(&str) -> Result<String, Error>) -> Result<Vec<(String
         ("docs/description.md", vec![("kinds", kinds())]),
         ("docs/description_structure.md", vec![("structures", structures(|key| !of_signals(key)))]),
         ("docs/description_signals.md", vec![("signals", structures(of_signals))]),
-        ("docs/designed.md", vec![("designed", designed(&models))]),
+        ("docs/source_units.md", vec![("designed", designed(&models))]),
     ] {
         let mut text = read(page)?;
         for (name, table) in tables {
