@@ -1,4 +1,4 @@
-//! The variables that every model has beside its own, and the memory of its simulation.
+//! Variables that every model has in addition to its own, and the memory of its simulation.
 
 use crate::integrator::{Driver, ExplicitLimits, IntegrationMethod, Limits, MOST_EVIDENCE, Mode, Pace, WORK_LIMIT};
 use crate::system::{
@@ -12,10 +12,10 @@ pub(crate) const TIGHTEST_TOLERANCE: f64 = 1e-12;
 /// The most steps of fixed length in a communication step.
 const MOST_FIXED_STEPS: i32 = 10_000;
 
-/// What inputs do within a communication step.
+/// Input signals within a communication step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputHandling {
-    /// They are held.
+    /// Inputs are constant (zero-order hold).
     Hold,
     /// They go on as between the last two communication points.
     Extrapolate,
@@ -36,7 +36,7 @@ impl Choice for InputHandling {
     ];
 }
 
-/// What a step that can't be finished is answered with.
+/// Answer to a step that can't be finished.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OnStepFailure {
     /// An error: many masters take a discarded step for success.
@@ -57,7 +57,7 @@ impl Choice for OnStepFailure {
     ];
 }
 
-/// The variables that every model has beside its own, and the memory of its simulation.
+/// Variables that every model has in addition to its own, and the memory of its simulation.
 #[derive(Debug)]
 pub struct Controls {
     pub(crate) relative_tolerance: Option<ScalarOf<Parameter>>,
@@ -81,14 +81,14 @@ pub struct Controls {
     /// The parameters of the last valid set.
     pub(crate) valid_reals: Option<VectorOf<Memory>>,
     pub(crate) valid_integers: usize,
-    /// What is known of the event indicators where the last step ended.
+    /// State of the event indicators at the end of the last step.
     pub(crate) indicators: Option<VectorOf<Memory>>,
     /// Integer and Boolean inputs in the last step; in model exchange those in force while others wait.
     pub(crate) last_integer_inputs: usize,
     pub(crate) integer_inputs_wait: BooleanOf<Memory>,
     pub(crate) started: BooleanOf<Memory>,
-    /// In model exchange: when the master's integrator completed its last step, and whether states have jumped at the
-    /// present event.
+    /// Time at which the master's integrator completed its last step (model exchange), and whether states have jumped
+    /// at the present event.
     pub(crate) completed: ScalarOf<Memory>,
     pub(crate) states_jumped: BooleanOf<Memory>,
     pub(crate) parameters_set: BooleanOf<Memory>,
@@ -165,7 +165,7 @@ impl Controls {
         }
     }
 
-    /// Where the reals lie, by names in capitals; nothing where a unit has none.
+    /// Places of the reals, by names in capitals; none for a real that the model lacks.
     pub(crate) fn reals(&self) -> Vec<(&'static str, Option<Span>)> {
         let of = |scalar: ScalarOf<Memory>| Some(scalar.span());
         let each = |vector: Option<VectorOf<Memory>>| vector.map(|vector| vector.span());
@@ -194,7 +194,7 @@ impl Controls {
         ]
     }
 
-    /// Sections of integers of which a copy is kept in the memory, and where in the block it begins.
+    /// Sections of integers that are copied to the memory, each with the begin of its copy in the block.
     pub(crate) fn kept_integers(&self, variables: &Variables) -> [(Section, usize); 2] {
         let memory = variables.integers(Section::Memory).start;
         [(Section::Parameter, memory + self.valid_integers), (Section::Input, memory + self.last_integer_inputs)]
@@ -221,7 +221,7 @@ impl Controls {
     }
 }
 
-/// Where the [`Pace`] of the integration lies between steps.
+/// Memory of the integration's [`Pace`] between steps.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PaceMemory {
     substep: ScalarOf<Memory>,

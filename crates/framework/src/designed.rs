@@ -1,11 +1,11 @@
-//! Which parameters a system's design reads.
+//! Parameters that a system's design reads.
 //!
-//! What [`System::prepare`](crate::system::System::prepare) gives is a constant of a unit of C sources, so the parameters that
-//! it reads can't be tuned there. It is ordinary Rust, which can't be recorded: what it reads is found by trying other values,
-//! all that a user may set, one variable after the other, until the answer is another one. An answer is all that it leaves:
-//! prepared values to the bit, messages, reasons, a panic. As a mode may hide what a design reads, it is asked at other points
-//! than the start, too: with every choice at other items, and with whatever it was found to read at other values. What one
-//! element of a variable has, all have.
+//! Results of [`System::prepare`](crate::system::System::prepare) are constants of an FMU with C sources, so the
+//! parameters that it reads can't be tuned there. It is ordinary Rust, which can't be recorded. So its parameters are
+//! found by trials: each variable gets other values that a user may set until the result changes. The result is
+//! everything that it leaves: prepared values to the bit, messages, reasons, a panic. A mode may hide what a design
+//! reads. So it runs at other points than the start, too: with every choice at other items, and with the variables
+//! found so far at other values. If it reads one element of a variable, all elements count.
 
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -16,7 +16,7 @@ use crate::system::{Data, DynSystem, MessageLog, Point, Section, Variable, Varia
 
 /// Points with other items of all choices, other Booleans and integers.
 const MIXES: u64 = 16;
-/// What stands in a prepared value that wasn't written.
+/// Mark of a prepared value that wasn't written.
 const NOT_WRITTEN: (f64, i32) = (f64::NAN, i32::MIN);
 
 /// The parameters that a system's `prepare` reads, around the values of a block.
@@ -161,7 +161,7 @@ fn mixed(start: &Parameters, variables: &[&Variable], number: u64) -> Parameters
     mix
 }
 
-/// A number from which neighbours can't be told (splitmix64).
+/// A number that looks random even for neighbouring inputs (splitmix64).
 fn scattered(number: u64) -> u64 {
     let mut z = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -10,7 +10,7 @@ use crate::system::{Section, Variables};
 /// A Jacobian of more operations is computed direction by direction: entry by entry it would be many megabytes. Below, that pays:
 /// the robot's loop with its neuro-adaptive law takes five times as long direction by direction.
 pub const LARGEST: usize = 60_000;
-/// In C sources, where each operation is a line.
+/// The same limit for C sources, where each operation is a line.
 pub const LARGEST_IN_C: usize = 6000;
 
 /// Changes of values of the block in a direction, which the leaves [`Leaf::TimeChange`] and [`Leaf::Change`] are.
@@ -98,7 +98,8 @@ pub struct Adjoint {
 }
 
 impl Adjoint {
-    /// From a recording that evaluates, with the place of time; none where it has iterations that depend on inputs or states.
+    /// Builds it from a recording that evaluates, with the place of time; none if the recording has iterations that
+    /// depend on inputs or states.
     pub fn of(variables: &Variables, time: usize, evaluate: Recording) -> Option<Self> {
         let Adjoints { tape, nodes, knowns } = adjoints(variables, time, evaluate)?;
         Some(Adjoint { instructions: Instructions::of(&tape, &nodes), knowns })
@@ -129,7 +130,7 @@ fn in_direction(
     Directional { tape, changes: places.into_iter().zip(tangents).collect() }
 }
 
-/// The changes of the leaves that some nodes are made of, as leaves of the tape.
+/// Changes of the leaves that some nodes depend on, as leaves of the tape.
 fn seeds(tape: &mut Tape, nodes: &[Node], change: impl Fn(Leaf) -> Option<Leaf>) -> HashMap<Leaf, Node> {
     let needed = tape.needed(nodes);
     let leaf = |(place, operation): (usize, &Operation)| match operation {
@@ -195,7 +196,7 @@ pub enum Differentiator {
         group_of: Vec<usize>,
         /// The number of groups.
         groups: usize,
-        /// Where states and inputs begin in the block.
+        /// Begin of the states and of the inputs in the block.
         first: [usize; 2],
     },
 }
@@ -282,7 +283,7 @@ pub struct Direction {
 }
 
 impl Direction {
-    /// As operations have it.
+    /// Compiles the operations into instructions.
     pub fn of(directional: &Directional) -> Self {
         let changes = directional.changes.iter();
         let (changing, nodes): (Vec<usize>, Vec<Node>) =
@@ -291,7 +292,7 @@ impl Direction {
         Direction { instructions: Instructions::of(&directional.tape, &nodes), changing, fixed }
     }
 
-    /// Writes the changes of all that follows where time and values change as these changes say.
+    /// Writes the changes of all dependent values to `changes`, from the changes of time and of values there.
     pub fn carry_out(&self, point: &Given, of_time: f64, changes: &mut [f64], registers: &mut Registers) {
         let leaf = |leaf: Leaf| match leaf {
             Leaf::TimeChange => of_time,

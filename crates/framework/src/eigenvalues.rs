@@ -35,7 +35,7 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Eigenvalue>, &'static str> {
     // States of very different sizes would drown the slow eigenvalues in the rounding errors of the fast ones.
     let mut balanced = a.clone();
     balance_parlett_reinsch(&mut balanced);
-    // The rounding errors of the algorithm: what is smaller can't be told from zero, nor stable from unstable.
+    // Rounding errors of the algorithm. A smaller part counts as zero, so it is neither stable nor unstable.
     let noise = 10.0 * a.nrows() as f64 * f64::EPSILON * balanced.norm();
     let found = complex(&balanced).ok_or("is too badly scaled: its eigenvalues can't be found")?;
     let eigenvalue = |real: f64, imaginary: f64| {
@@ -55,7 +55,7 @@ pub fn complex(a: &DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     if a.is_empty() {
         return Some(Vec::new());
     }
-    // At multiple eigenvalues the iteration may circle within a few roundings; for the transpose it goes other ways.
+    // At multiple eigenvalues the iteration may cycle within a few roundings. For the transpose it takes another path.
     let tolerances = [1.0, 4.0, 16.0, 64.0].map(|roundings| roundings * f64::EPSILON);
     let forms = tolerances.into_iter().flat_map(|eps| [(eps, false), (eps, true)]);
     let counts = [FEW_ITERATIONS * a.nrows(), MOST_ITERATIONS];
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn eigenvalues_of_several_times_over_are_found() {
-        // (s + a)ⁿ in companion form: roundings spread its roots over a circle of radius a ε^(1/n).
+        // (s + a)ⁿ in companion form: roundings spread its roots around −a, to a radius of a ε^(1/n).
         for n in 2..=14_u32 {
             for a in [1e-3, 0.7, 1.0, 3.0, 2e4] {
                 let mut companion = DMatrix::from_fn(n as usize, n as usize, |i, j| f64::from(j == i + 1));

@@ -1,4 +1,4 @@
-//! Everything that can go wrong, each with what a user needs to mend it. All texts stand here.
+//! All errors, each with what a user needs to fix it. All texts are in this file.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,8 @@ pub fn one_line(text: &str) -> String {
     line
 }
 
-/// A number as messages show it: with the digits that tell it from every other one, and with an exponent where it would
-/// else be a row of zeros.
+/// A number in a message: the shortest digits that give exactly this number, with an exponent if it would otherwise be
+/// a row of zeros.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Number(pub f64);
 
@@ -36,7 +36,7 @@ impl fmt::Display for Number {
     }
 }
 
-/// Why a set of parameters, a structure or a start is refused: one line a reason.
+/// Reasons why a set of parameters, a structure or a start is refused, one per line.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Invalid {
     reasons: Vec<String>,
@@ -59,17 +59,17 @@ impl Invalid {
         Invalid::default()
     }
 
-    /// As reasons of a part of something larger.
+    /// Adds the name of the part that they are about.
     pub(crate) fn within(self, part: &str) -> Self {
         self.reworded(|reason| format!("{part}: {reason}"))
     }
 
-    /// In other words.
+    /// Rewords each reason.
     pub(crate) fn reworded(self, word: impl Fn(String) -> String) -> Self {
         Invalid { reasons: self.reasons.into_iter().map(word).collect() }
     }
 
-    /// With the time at which they were found, s.
+    /// Adds the time at which they were found, s.
     pub(crate) fn at(self, time: f64) -> Self {
         self.reworded(|reason| format!("{reason} (at t = {} s)", Number(time)))
     }
@@ -101,7 +101,7 @@ impl fmt::Display for Invalid {
 
 impl std::error::Error for Invalid {}
 
-/// Why a communication step could not be finished. Time and state are as before the step.
+/// Reasons why a communication step could not be finished. Time and state are as before the step.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StepError {
     /// A value grew beyond any use: the loop is unstable.
@@ -115,7 +115,7 @@ pub enum StepError {
         variable: String,
         /// Its value.
         value: f64,
-        /// When, s.
+        /// Time, s.
         time: f64,
     },
     /// No step size meets the tolerance: the equations jump without an event, or have a pole.
@@ -125,7 +125,7 @@ pub enum StepError {
         Number(*.time)
     )]
     StepTooSmall {
-        /// When, s.
+        /// Time, s.
         time: f64,
         /// The step that was tried last, s.
         step: f64,
@@ -145,7 +145,7 @@ pub enum StepError {
     NoJacobian {
         /// The state whose rate it is.
         variable: String,
-        /// When, s.
+        /// Time, s.
         time: f64,
     },
     /// The step needs more work than allowed.
@@ -156,15 +156,15 @@ pub enum StepError {
         Number(*.time), Number(*.step), followed
     )]
     TooMuchWork {
-        /// How many events there were on the way.
+        /// Number of events on the way.
         events: usize,
-        /// How many substeps were made.
+        /// Number of substeps.
         substeps: usize,
-        /// How far they came, s.
+        /// Time that they reached, s.
         time: f64,
         /// The communication step, s.
         step: f64,
-        /// What had to be followed, where that limited the substeps, as the end of the message.
+        /// The mode that limited the substeps, if any, as the end of the message.
         followed: String,
     },
     /// Events of one indicator accumulate.
@@ -176,11 +176,11 @@ pub enum StepError {
     Accumulation {
         /// The indicator.
         indicator: String,
-        /// How many events it has had.
+        /// Number of its events.
         events: u64,
-        /// How many had no time between.
+        /// Number of these with no time between them.
         close: u64,
-        /// When, s.
+        /// Time, s.
         time: f64,
     },
     /// An event has stopped the motion across its indicator's zero, and it goes on through.
@@ -191,20 +191,20 @@ pub enum StepError {
     GoesThrough {
         /// The indicator.
         indicator: String,
-        /// Which of its events it is.
+        /// Number of this event among its events.
         events: u64,
-        /// When, s.
+        /// Time, s.
         time: f64,
     },
     /// Events follow each other without time going on.
     #[error("more than {events} events at t = {} s: the system switches without end (Zeno behaviour)", Number(*.time))]
     TooManyEvents {
-        /// How many.
+        /// Number of events.
         events: usize,
-        /// When, s.
+        /// Time, s.
         time: f64,
     },
-    /// The equations don't hold where the step leads, as the system itself says.
+    /// The equations don't hold at the end of the step, as the system itself reports.
     #[error("{0}")]
     Unsound(Invalid),
     /// There is no valid start from these parameters and inputs.
@@ -231,7 +231,7 @@ pub enum Error {
     File {
         /// The file.
         file: PathBuf,
-        /// What the system says.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// An archive that isn't an FMU of version 2.0, or not a sound one.
@@ -239,7 +239,7 @@ pub enum Error {
     Archive {
         /// The file.
         file: PathBuf,
-        /// What is wrong.
+        /// The problem.
         reason: String,
     },
     /// A loop that can't be closed.
@@ -247,7 +247,7 @@ pub enum Error {
     Loop {
         /// The file.
         file: PathBuf,
-        /// What is wrong.
+        /// The problem.
         reason: String,
     },
     /// A unit that answered with an error while a loop ran.
@@ -257,9 +257,9 @@ pub enum Error {
         unit: String,
         /// The function that failed.
         function: &'static str,
-        /// When, s.
+        /// Time, s.
         time: f64,
-        /// What it logged.
+        /// Its log message.
         message: String,
     },
     /// An argument of a command that can't be used with its others.
@@ -268,13 +268,13 @@ pub enum Error {
     /// A name that isn't there.
     #[error("there is no {what} named `{name}`{}; {}", present(name), near::choice(name, known, all))]
     Unknown {
-        /// What was looked for.
+        /// Kind of thing that was looked for.
         what: &'static str,
         /// The name asked for.
         name: String,
         /// The names that exist.
         known: Vec<String>,
-        /// What shows all of them, for a message that lists some; nothing where nothing does.
+        /// Command that shows all of them, for a message that lists some; empty if there is none.
         all: &'static str,
     },
     /// The source folder, where something is to be taken from it.
@@ -282,7 +282,7 @@ pub enum Error {
     Source {
         /// The file in it.
         file: PathBuf,
-        /// What is wrong.
+        /// The problem.
         reason: String,
     },
     /// The shared library that goes into the FMUs is missing or doesn't answer.

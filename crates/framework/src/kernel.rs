@@ -1,15 +1,15 @@
-//! Equations that a host compiled from their recording: what evaluates an instance in place of the generic ones, with the same
-//! bits.
+//! Equations that a host compiled from their recording. They evaluate an instance in place of the generic ones, with
+//! the same bits.
 //!
-//! A kernel belongs to a model: it knows the places of its block, and takes parameters as they stand there, or is for those of
-//! one instance alone. Who hands it over sees to it that its code stays in memory as long as the instance.
+//! A kernel belongs to a model and knows the places of its block. It reads the present parameters, or is for those of
+//! one instance only. Whoever provides it must make sure that its code stays in memory as long as the instance.
 #![allow(unsafe_code)]
 
 use serde::{Deserialize, Serialize};
 
 use crate::system::{Section, Variables};
 
-/// The version of what a kernel is, and of what it is made from; another is refused.
+/// Version of the kernel and of the functions that it is compiled from; any other is refused.
 pub const VERSION: u32 = 4;
 
 /// Writes signals, or signals and rates, of a block: time, reals, integers.
@@ -23,7 +23,7 @@ pub type Decompose = unsafe extern "C" fn(f64, *const f64, *mut f64) -> i32;
 /// Replaces a right-hand side by the solution, by such factors.
 pub type Solve = unsafe extern "C" fn(*const f64, *mut f64);
 
-/// What a kernel is for.
+/// Sizes of the model that a kernel is for.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sizes {
@@ -55,7 +55,7 @@ impl Sizes {
     }
 }
 
-/// What a kernel does.
+/// Functions of a kernel.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct Code {
@@ -81,10 +81,9 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// Of code that was compiled for these sizes.
+    /// Wraps code that was compiled for these sizes.
     ///
-    /// # Safety
-    /// The code reads and writes within what the sizes say, and stays in memory as long as the kernel is used.
+    /// # Safety The code reads and writes within these sizes only, and stays in memory as long as the kernel is used.
     pub unsafe fn new(sizes: Sizes, code: Code) -> Self {
         Kernel { version: VERSION, sizes, code }
     }
@@ -139,7 +138,7 @@ impl Kernel {
         true
     }
 
-    /// How many numbers a decomposition has; none where it has none.
+    /// Number of the decomposition's factors; none without a decomposition.
     pub fn factors(&self) -> Option<usize> {
         self.code.decompose.and(self.code.solve).map(|_| self.sizes.factors as usize)
     }

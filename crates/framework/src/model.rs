@@ -1,4 +1,4 @@
-//! A model: a system made from its description, with all its variables, ready to be run.
+//! A model: a system built from its description, with all its variables, ready to run.
 
 mod description;
 mod preparing;
@@ -41,7 +41,7 @@ impl Block {
     }
 }
 
-/// A system made from its description.
+/// A system built from its description.
 pub struct Model {
     description: Description,
     kind: Kind,
@@ -51,7 +51,7 @@ pub struct Model {
     controls: Controls,
     /// The start values, which every instance begins with.
     start: Block,
-    /// What is prepared from these, that section alone, where that is all that preparing them does.
+    /// The prepared section for these values, if preparing them changes nothing else.
     prepared: Option<Block>,
     /// Magnitudes of the states.
     nominals: Vec<f64>,
@@ -179,7 +179,7 @@ impl Model {
         &self.description
     }
 
-    /// What it is, its equations and source, in Markdown.
+    /// Its purpose, equations and source, in Markdown.
     pub fn documentation(&self) -> &str {
         &self.documentation
     }
@@ -210,7 +210,7 @@ impl Model {
         &self.nominals
     }
 
-    /// Where its instances work.
+    /// Workspaces of its instances.
     pub(crate) fn workspaces(&self) -> &Workspaces {
         &self.workspaces
     }
@@ -220,7 +220,7 @@ impl Model {
         Workspace::new(self.system(), &self.variables, self.sparsity())
     }
 
-    /// What depends on what, found when it is first asked for.
+    /// Dependences between its variables, found at the first call.
     pub fn structure(&self) -> &Structure {
         self.structure.get_or_init(|| Structure::of(self.system(), &self.variables, Place::Real(self.time_place())))
     }
@@ -230,7 +230,7 @@ impl Model {
         self.variables.reals(Section::Memory).start + self.controls.time.span().range().start
     }
 
-    /// What computes changes of signals and rates, recorded when it is first asked for.
+    /// Computes changes of signals and rates; recorded at the first call.
     pub fn direction(&self) -> &Direction {
         let recorded = || differentiation::directional(&self.variables, self.recorded(Method::Evaluate));
         self.direction.get_or_init(|| Direction::of(&recorded()))
@@ -242,7 +242,7 @@ impl Model {
         self.adjoint.get_or_init(made).as_ref()
     }
 
-    /// What computes changes of the start, likewise.
+    /// Computes changes of the start; recorded at the first call.
     pub fn start_direction(&self) -> &Direction {
         let recorded = || differentiation::start_directional(&self.variables, self.recorded(Method::Start));
         self.start_direction.get_or_init(|| Direction::of(&recorded()))
@@ -279,10 +279,9 @@ impl Model {
         designed(self.system(), &self.variables, (&self.start.reals, &self.start.integers))
     }
 
-    /// Checks that a recording says all that the equations say.
+    /// Checks that a recording is complete: no method looks at a number.
     ///
-    /// # Errors
-    /// The kind, and the methods in which it looks at a number.
+    /// # Errors The kind, and the methods in which it looks at a number.
     pub fn check_recorded(&self) -> Result<(), Invalid> {
         let looks = |method: &Method| self.recorded(*method).tape.has_looked();
         let looking: Vec<_> = Method::ALL.iter().filter(|method| looks(method)).map(|method| method.name()).collect();
@@ -299,7 +298,7 @@ impl Model {
         &self.controls
     }
 
-    /// What a designer should know of the start values.
+    /// Design report for the start values.
     pub fn report(&self) -> DesignReport {
         let mut report =
             DesignReport::new(self.description.experiment.step).with_nominal(self.description.nominal.clone());

@@ -1,7 +1,7 @@
-//! Names near to one that isn't there: this module alone decides what a user may have meant, and how many names a message
-//! lists.
+//! Names similar to one that doesn't exist. Only this module decides what a user may have meant, and how many names a
+//! message lists.
 //!
-//! The distance between two names is written here, some lines, and not taken from a package: the library of every FMU holds it.
+//! The distance between two names takes few lines, so no package computes it: the library of every FMU holds this code.
 
 use std::borrow::Cow;
 
@@ -45,7 +45,7 @@ pub fn question<N: AsRef<str>>(name: &str, known: &[N]) -> Option<String> {
     meant(&sorted(name, known).0)
 }
 
-/// What serde tells of a key or an item that it doesn't know, which lists all that it knows, in the words of [`choice`]; other
+/// Rewords, as [`choice`] does, serde's message about an unknown key or item, which lists all known ones; other
 /// messages stay as they are.
 pub fn reworded(message: &str) -> Cow<'_, str> {
     let of = |before: &str, what: &str| {
@@ -80,7 +80,7 @@ fn meant(near: &[(usize, &str)]) -> Option<String> {
     Some(format!("did you mean {before}{last}?"))
 }
 
-/// How far a known name is from the one given; none where it isn't near.
+/// Distance of a known name from the one given; none if it isn't similar.
 fn distance(name: &str, known: &str) -> Option<usize> {
     let (given, known) = (name.to_lowercase(), known.to_lowercase());
     if given == known {
@@ -104,8 +104,8 @@ fn distance(name: &str, known: &str) -> Option<usize> {
     whole.or(of_element).map(|changes| changes + 2)
 }
 
-/// How many letters must be changed, left out, put in or exchanged with the next to make one text of another (Damerau and
-/// Levenshtein's distance, no letter changed twice); none where it is more than `most`.
+/// Number of letters to change, omit, insert or exchange with the next to turn one text into another (Damerau and
+/// Levenshtein's distance, no letter changed twice); none if it exceeds `most`.
 fn changes(one: &str, other: &str, most: usize) -> Option<usize> {
     let (one, other): (Vec<char>, Vec<char>) = (one.chars().collect(), other.chars().collect());
     if one.len().abs_diff(other.len()) > most {

@@ -48,7 +48,7 @@ const LEAST_EIGENVALUE: f64 = 1e-6;
 /// A plant within the uncertainty of a nominal one, of which a loop is the worst in some respect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WorstPlant {
-    /// In which respects: "settling time", "overshoot", "range of" a control.
+    /// Properties in which it is worst: "settling time", "overshoot", "range of" a control.
     pub respects: Vec<String>,
     /// State matrix, n rows of n numbers.
     pub A: Vec<Vec<f64>>,
@@ -145,7 +145,7 @@ struct Written {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "must be a number or a list of numbers")]
 enum OneOrEach {
-    /// For all.
+    /// One value for all.
     One(f64),
     /// One each.
     Each(Vec<f64>),
@@ -229,10 +229,10 @@ impl Uncertainty {
 }
 
 impl Covariance {
-    /// From entries, as ("A", 1, 2), and rows of their covariance up to the diagonal; `table` stands before keys in errors.
+    /// Reads entries, as ("A", 1, 2), and rows of their covariance up to the diagonal; `table` is the prefix of keys in
+    /// errors.
     ///
-    /// # Errors
-    /// An entry that a plant of n states and m inputs lacks, other sizes, or numbers that are no covariance.
+    /// # Errors An entry that a plant of n states and m inputs lacks, other sizes, or numbers that are no covariance.
     pub fn read(
         table: &str,
         free: &[(String, usize, usize)],

@@ -6,12 +6,12 @@ use crate::model::{Block, Model};
 use crate::recording::{Given, Registers};
 use crate::system::{Section, Values};
 
-/// What derivatives are computed in; it takes memory when they are first asked for.
+/// Storage for the computation of derivatives. It takes memory when they are first asked for.
 #[derive(Debug)]
 pub(super) struct Derivation {
-    /// Where they are taken.
+    /// Point at which they are taken.
     block: Block,
-    /// In which direction; and then the changes of all values of the block.
+    /// Direction in which they are taken; afterwards the changes of all values of the block.
     changes: Vec<f64>,
     registers: Registers,
 }

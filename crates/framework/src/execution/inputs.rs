@@ -1,4 +1,4 @@
-//! How inputs go within a communication step.
+//! Inputs within a communication step.
 
 use super::{Execution, InputHandling};
 use crate::integrator::Workspace;

@@ -32,14 +32,14 @@ pub struct Execution {
     leaves_events: bool,
     /// True if nothing was changed since everything was computed.
     fresh: bool,
-    /// Where it works.
+    /// Place of its workspace.
     place: Place,
     derivation: Derivation,
     event_indicators: Vec<f64>,
     kernel: Option<Kernel>,
     /// The parameters that a kernel was asked for.
     settled: Option<Box<Settled>>,
-    /// True if the kernel is for these alone.
+    /// True if the kernel is valid for these parameters only.
     folded: bool,
     /// Messages that wait to be logged.
     pub log: MessageLog,
@@ -67,7 +67,7 @@ impl Execution {
         execution
     }
 
-    /// Tells the system who integrates.
+    /// Sets the system's flag that shows who integrates.
     fn mark_stepped(&mut self) {
         if let Some(stepped) = self.model.variables().stepped() {
             self.block.integers[stepped] = i32::from(self.integrates);
@@ -90,7 +90,7 @@ impl Execution {
         fits
     }
 
-    /// The parameters as they stand, for equations that are compiled for them alone.
+    /// Stores the present parameters, for equations that are compiled for these values only.
     pub fn settle(&mut self) -> &Settled {
         self.settled.insert(Box::new(Settled::of(&self.model, &self.block)))
     }
@@ -115,7 +115,7 @@ impl Execution {
         }
     }
 
-    /// Has it work apart from other instances, where something is kept from one call to the next.
+    /// Returns a workspace of its own, for values that must survive from one call to the next.
     fn own_workspace(&mut self) -> &mut Workspace {
         self.place.own(|| self.model.workspace())
     }
@@ -133,7 +133,7 @@ impl Execution {
         done
     }
 
-    /// From now on the master integrates, in model exchange.
+    /// Leaves integration to the master from now on, as in model exchange.
     pub fn hand_over_integration(&mut self) {
         self.integrates = false;
         self.mark_stepped();
@@ -174,7 +174,7 @@ impl Execution {
         self.point()[handle] = tolerance;
     }
 
-    /// What a step that can't be finished is answered with.
+    /// Answer to a step that can't be finished.
     pub fn on_step_failure(&self) -> OnStepFailure {
         self.values().get(self.model.controls().on_step_failure).item()
     }
@@ -184,8 +184,8 @@ impl Execution {
         &self.block
     }
 
-    /// All values, to write as they are: a saved state, say. What follows from them is computed anew when it is asked for.
-    /// Single values are set by [`Execution::set_real`] and [`Execution::set_integer`].
+    /// All values, for direct writing, e.g. of a saved state. Dependent values are computed again when they are next
+    /// asked for. [`Execution::set_real`] and [`Execution::set_integer`] set single values.
     pub fn block_mut(&mut self) -> &mut Block {
         self.changed();
         &mut self.block
@@ -208,7 +208,7 @@ impl Execution {
         }
     }
 
-    /// What follows from values is computed anew when it is asked for.
+    /// Marks dependent values as out of date.
     fn changed(&mut self) {
         self.fresh = false;
     }
@@ -311,7 +311,7 @@ impl Execution {
         }
     }
 
-    /// Where in the memory the integers of a section are kept.
+    /// Place of a section's copied integers in the memory.
     fn kept(&self, first: usize, section: Section) -> std::ops::Range<usize> {
         let start = self.model.variables().integers(Section::Memory).start + first;
         start..start + self.model.variables().integers(section).len()
@@ -321,7 +321,7 @@ impl Execution {
         self.kept(self.model.controls().valid_integers, Section::Parameter)
     }
 
-    /// Where in the block the real parameters of the last valid set are kept.
+    /// Place in the block of the real parameters of the last valid set.
     fn valid_reals(&self) -> Option<std::ops::Range<usize>> {
         let memory = self.model.variables().reals(Section::Memory).start;
         let kept = self.model.controls().valid_reals?.span().range();
@@ -425,13 +425,13 @@ impl Execution {
         Ok(())
     }
 
-    /// From now on tells which method integrates.
+    /// Starts reporting the integration method.
     pub fn tell_methods(&mut self) {
         self.own_workspace();
     }
 
-    /// Which method integrates now, where that has changed since it was asked last and [`Execution::tell_methods`] was
-    /// called.
+    /// The present integration method, if it has changed since the last call; none before [`Execution::tell_methods`]
+    /// was called.
     pub fn method_news(&mut self) -> Option<Chosen> {
         match &mut self.place {
             Place::Own(workspace, _) => workspace.driver.news(),
@@ -445,7 +445,7 @@ impl Execution {
         self.block.integers.copy_within(inputs, kept.start);
     }
 
-    /// The system where it stands, inputs held.
+    /// The system at the present point, with constant inputs.
     fn problem(&mut self) -> Problem<'_> {
         self.check_kernel();
         Problem {
@@ -468,12 +468,12 @@ impl Execution {
         self.accepted().map_err(|invalid| invalid.at(t))
     }
 
-    /// What the system has refused since it was last asked, with the names of variables that are in force.
+    /// Returns the system's refusals since the last call, with the names of variables that are in force.
     fn accepted(&mut self) -> Result<(), Invalid> {
         self.log.accepted().map_err(|invalid| self.model.variables().told_of(invalid))
     }
 
-    /// Takes the messages that wait to be logged, as they are told to users.
+    /// Takes the messages that wait to be logged, in users' words.
     pub fn take_messages(&mut self) -> impl Iterator<Item = Message> {
         let variables = self.model.variables();
         self.log.drain(..).map(|message| Message { text: variables.told(&message.text), ..message })

@@ -6,7 +6,7 @@ use crate::error::{Invalid, StepError};
 use crate::integrator::{Workspace, check_divergence};
 use crate::system::{Handle, Section, Values};
 
-/// What an update of the discrete variables has brought.
+/// Result of an update of the discrete variables.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Update {
     /// True if an event was handled or parameters were taken over, so that outputs may have jumped.
@@ -93,7 +93,7 @@ impl Execution {
         }
     }
 
-    /// What the system finds wrong at the present time, states and inputs, if anything.
+    /// The system's objection to the present time, states and inputs, if any.
     pub fn unsound(&mut self) -> Option<Invalid> {
         let mut found = Ok(());
         self.with_valid_parameters(|execution| found = execution.check());
@@ -234,7 +234,7 @@ impl Execution {
         });
     }
 
-    /// When the last step of the master's integrator was completed, s.
+    /// Time at which the last step of the master's integrator was completed, s.
     pub fn completed(&self) -> f64 {
         self.values()[self.model.controls().completed]
     }
@@ -263,11 +263,11 @@ impl Execution {
         Ok(noticed || pending)
     }
 
-    /// Tells the system that a step is completed; whether that is an event.
+    /// Notifies the system that a step is completed; true if that is an event.
     ///
     /// By the standard, discrete variables change in Event Mode only. What a system changes here counts steps and
-    /// remembers warnings, which equations don't read, and to restart the master's integrator after each step for that
-    /// would be absurd. So it is an event only where the equations see a difference.
+    /// remembers warnings, which equations don't read. Restarting the master's integrator after each step for that
+    /// would be absurd. So it is an event only if the equations give other values.
     fn tell_step(&mut self, workspace: &mut Workspace) -> bool {
         let (t, step, completed) = (self.time(), self.time() - self.completed(), self.model.controls().completed);
         self.point()[completed] = t;
@@ -284,7 +284,7 @@ impl Execution {
         self.equations_differ(workspace)
     }
 
-    /// True if the equations give anything else than what was kept.
+    /// True if the equations give other values than those stored.
     fn equations_differ(&self, kept: &Workspace) -> bool {
         let variables = self.model.variables();
         let before = Values::new(&kept.reals, &kept.integers, variables.offsets());

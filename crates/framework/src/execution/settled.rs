@@ -1,16 +1,16 @@
-//! Parameters as they stand, for equations that are compiled for them alone.
+//! Present parameters, for equations that are compiled for these values only.
 
 use crate::model::{Block, Model};
 use crate::recording::{Leaf, Method, Operation, Recording};
 use crate::system::Section;
 
-/// Sections that follow from parameters alone.
+/// Sections that depend on parameters only.
 const SECTIONS: [Section; 2] = [Section::Parameter, Section::Prepared];
 
 /// The parameters of an instance at a time, and what was prepared from them.
 #[derive(Debug)]
 pub struct Settled {
-    /// Where the values lie that were there.
+    /// Values at that time, with the begin of each section.
     reals: [(usize, Vec<f64>); 2],
     integers: [(usize, Vec<i32>); 2],
     /// Places that events write, whatever they are: these aren't known.

@@ -5,7 +5,7 @@ use crate::error::StepError;
 use crate::system::{Handle, Section};
 
 impl Execution {
-    /// From now on events at the end of a communication step are left to the master.
+    /// Leaves events at the end of a communication step to the master from now on.
     pub fn leave_events(&mut self) {
         self.leaves_events = true;
     }

@@ -21,7 +21,7 @@ impl Standard {
     /// Every version that FMUs are exported in.
     pub const ALL: [Standard; 2] = [Standard::Fmi2, Standard::Fmi3];
 
-    /// As modelDescription.xml has it.
+    /// The version as modelDescription.xml has it.
     pub fn version(self) -> &'static str {
         match self {
             Standard::Fmi2 => "2.0",
@@ -95,7 +95,7 @@ pub struct Description {
 #[cfg(feature = "schema")]
 #[derive(schemars::JsonSchema)]
 #[schemars(untagged)]
-#[allow(dead_code)] // for the schema alone: what fits a variable is decided where it is declared
+#[allow(dead_code)] // for the schema only: what fits a variable is decided where it is declared
 enum StartValue {
     /// A scalar, or one element.
     Number(f64),
@@ -113,7 +113,7 @@ enum StartValue {
 #[cfg(feature = "schema")]
 #[derive(schemars::JsonSchema)]
 #[schemars(untagged)]
-#[allow(dead_code)] // for the schema alone
+#[allow(dead_code)] // for the schema only
 enum Magnitude {
     /// A scalar, or one element.
     Number(f64),
@@ -182,7 +182,7 @@ impl Description {
         Ok(description)
     }
 
-    /// Whose unit it is, by the attributes of the XML, which are the keys.
+    /// Author, licence and the like of the FMU, by their attributes in the XML, which are the keys.
     pub fn about(&self) -> impl Iterator<Item = (&'static str, Option<&str>)> {
         let Description { author, version, license, copyright, .. } = self;
         let texts = [("author", author), ("version", version), ("license", license), ("copyright", copyright)];

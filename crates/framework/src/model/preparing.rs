@@ -1,4 +1,4 @@
-//! What follows from a model's parameters.
+//! Values that follow from a model's parameters.
 
 use super::{Block, Model};
 use crate::error::{Invalid, Number};
@@ -67,7 +67,7 @@ impl Model {
         invalid.into_result()
     }
 
-    /// What of a block is prepared, unless it differs from the start in anything else.
+    /// The prepared values of a block; none if it differs from the start in anything else.
     pub(super) fn prepared_alone(&self, block: &Block) -> Option<Block> {
         let (reals, integers) = (self.variables.reals(Section::Prepared), self.variables.integers(Section::Prepared));
         let prepared =

@@ -1,4 +1,4 @@
-//! What the integers of a saved state may be.
+//! Checks of the integers of a saved state.
 
 use super::{Block, Model};
 use crate::system::{Data, DiscreteHandle, Element, Section, Variable};
