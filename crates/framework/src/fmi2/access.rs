@@ -16,10 +16,10 @@ pub enum Type {
     Boolean,
 }
 
-/// What may be done with one value.
+/// Use that a master may make of one value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
-    /// Not shown outside.
+    /// Hidden from masters.
     Hidden,
     /// A constant: a parameter that the unit was designed with.
     Designed,
@@ -54,7 +54,7 @@ pub struct References {
     numbers: Option<(usize, Vec<u32>)>,
 }
 
-/// What a value reference of the wrong sort is.
+/// Reason why a value reference doesn't fit a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoValue {
     /// It belongs to no variable.

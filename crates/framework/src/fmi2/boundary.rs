@@ -1,4 +1,4 @@
-//! What every function of the C side shares: a call into an instance, and C pointers as slices and texts.
+//! Shared parts of all functions of the C side: a call into an instance, and C pointers as slices and texts.
 
 use std::ffi::CStr;
 use std::slice;
@@ -20,8 +20,8 @@ pub(crate) fn call(
     }
     let (status, outbox) = {
         // SAFETY: the standard obliges the master to pass what fmi2Instantiate returned and fmi2FreeInstance has not
-        // freed, and not to call one instance from two threads at once. It may call from its logger: messages are
-        // sent when this reference has ended.
+        // freed, and not to call one instance from two threads simultaneously. It may call from its logger: messages
+        // are sent when this reference has ended.
         let instance = unsafe { &mut *component.cast::<Instance>() };
         let status = answer(instance, function, body);
         (status, instance.logger.outbox())

@@ -1,17 +1,17 @@
-//! How a library was built: within it as text, so that a library for another platform can be told, too.
+//! Build data of a library: stored in it as text, so that they can be read in a library for another platform, too.
 
 use serde::{Deserialize, Serialize};
 
 use crate::system::Registry;
 
-/// What the C functions of a library are given of it.
+/// Data that the C functions of a library get about it.
 #[derive(Debug, Clone, Copy)]
 pub struct Library {
     /// The kinds that it makes units of.
     pub registry: Registry,
-    /// Checksum of the sources that it is made of.
+    /// Checksum of its sources.
     pub source: &'static str,
-    /// How it was built, as [`text`].
+    /// Build data, as [`text`].
     pub build: &'static [u8],
 }
 
@@ -23,7 +23,7 @@ pub const TARGET: &str = env!("ADAPTIVE_FMU_TARGET");
 
 const MARK: &str = "{\"adaptive-fmu library\":";
 
-/// What all libraries tell that are built with this framework.
+/// Build data common to all libraries that are built with this framework.
 const COMMON: &str = concat!(
     "{\"version\":\"",
     env!("CARGO_PKG_VERSION"),
@@ -35,7 +35,7 @@ const COMMON: &str = concat!(
     env!("ADAPTIVE_FMU_OPTIMISED"),
 );
 
-/// How a library or program of a package is built, which holds this text.
+/// Build data of a package's library or program, for storage in it.
 pub const fn text<const LENGTH: usize>(package: &str, source: &str) -> [u8; LENGTH] {
     let (parts, mut text, mut length) = (parts(package, source), [0; LENGTH], 0);
     // Iterators can't be used before a program runs.
@@ -63,7 +63,7 @@ const fn parts<'a>(package: &'a str, source: &'a str) -> [&'a str; 7] {
     [MARK, COMMON, ",\"source\":\"", source, "\",\"package\":\"", package, "\"}}"]
 }
 
-/// How a library was built.
+/// Build data of a library.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Build {
     /// Name and version of the package that holds the models.
@@ -87,7 +87,7 @@ struct Marked {
 }
 
 impl Build {
-    /// Of the library that these bytes are, whatever platform it is for; none where it isn't one of this package.
+    /// Reads the build data from the bytes of a library for any platform; none if they hold none.
     pub fn within(library: &[u8]) -> Option<Self> {
         let mark = MARK.as_bytes();
         let places = library.windows(mark.len()).enumerate().filter(|(_, bytes)| *bytes == mark);
@@ -111,7 +111,7 @@ mod tests {
         assert_eq!((&*own.version, &*own.package, &*own.source), (env!("CARGO_PKG_VERSION"), PACKAGE, SOURCE));
         assert!(own.target.contains(std::env::consts::ARCH) && own.compiler.contains("rustc"), "{own:?}");
         assert_eq!(own.source.len(), 16);
-        // The mark itself stands in a library, too.
+        // A library also holds the mark itself.
         let bytes = [b"\0\x7fELF", MARK.as_bytes(), b"\xff\0", &TEXT, b"\0rest"].concat();
         assert_eq!(Build::within(&bytes), Some(own));
         assert_eq!(Build::within(b"\x7fELF of somebody else's"), None);

@@ -1,7 +1,7 @@
-//! Which function may be called when: the state machines of model exchange and of co-simulation (FMI 2.0.4, sections
-//! 3.2.3 and 4.2.4; FMI 3.0.2, sections 3.2 and 4.2) as one table.
+//! Functions that may be called in each phase: the state machines of model exchange and of co-simulation (FMI 2.0.4,
+//! sections 3.2.3 and 4.2.4; FMI 3.0.2, sections 3.2 and 4.2) as one table.
 
-/// Why a call is refused, for the log.
+/// Reason why a call is refused, for the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refused(pub String);
 
@@ -16,7 +16,7 @@ pub type Answer<T = ()> = Result<T, Refused>;
 
 pub use crate::model::Standard;
 
-/// Which of the standard's two interfaces an instance was made for.
+/// Interface of the standard that an instance uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interface {
     /// The master integrates.
@@ -26,7 +26,7 @@ pub enum Interface {
 }
 
 impl Interface {
-    /// As a message names it.
+    /// Name for messages.
     pub fn describe(self) -> &'static str {
         match self {
             Interface::ModelExchange => "model exchange",
@@ -46,7 +46,7 @@ impl Interface {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Phase {
-    /// After instantiation, or a reset.
+    /// State after instantiation or a reset.
     Instantiated = 0,
     /// Initialization Mode.
     Initialization = 1,
@@ -58,7 +58,7 @@ pub enum Phase {
     StepComplete = 4,
     /// Co-simulation: the last step was discarded.
     StepFailed = 5,
-    /// After the end.
+    /// State after the end.
     Terminated = 6,
     /// A step or an event failed. Values are those before it.
     Error = 7,
@@ -102,7 +102,7 @@ impl Phase {
         1 << self as u8
     }
 
-    /// As a message names it.
+    /// Name for messages.
     pub fn describe(self) -> &'static str {
         match self {
             Phase::Instantiated => "instantiated (not yet initialised)",
@@ -245,7 +245,7 @@ impl Function {
         self.phases(of) & phase.bit() != 0
     }
 
-    /// Why an instance may not call it in a phase.
+    /// Reason why an instance may not call it in a phase.
     pub fn refusal(self, of: (Standard, Interface), phase: Phase) -> String {
         let (name, interface) = (self.name_in(of.0), of.1);
         if self == Function::CancelStep && interface == Interface::CoSimulation {

@@ -192,7 +192,7 @@ mod state {
     }
 }
 
-/// On other processors the host's state is left alone.
+/// Leaves the host's state unchanged on other processors.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod state {
     #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,4 @@
-//! What the functions of the standard do with an instance, in safe Rust.
+//! Functions of the standard for an instance, in safe Rust.
 
 use std::sync::Arc;
 
@@ -25,11 +25,11 @@ impl<T: Iterator<Item = u32> + Clone> Values for T {}
 #[derive(Debug)]
 pub struct Instance {
     pub(crate) execution: Execution,
-    /// What it has in common with the other instances of its unit.
+    /// Data shared with the other instances of its FMU.
     pub(crate) unit: Arc<Shared>,
     /// Mark of the saved states that are its own: of the same unit, its sizes and interface in the same build.
     pub(super) identity: [u8; 16],
-    /// Where messages go.
+    /// Destination of messages.
     pub logger: Logger,
     /// The standard and the interface that it was made for.
     pub(crate) of: (Standard, Interface),
@@ -43,7 +43,7 @@ pub struct Instance {
     pub(crate) discrete: Vec<u64>,
     /// True if it was logged that the master's communication points aren't the sums of its steps.
     pub(super) points_differ: bool,
-    /// In Configuration Mode: the sizes that were set.
+    /// Sizes that were set in Configuration Mode.
     pub(crate) asked_sizes: Vec<usize>,
 }
 
@@ -112,20 +112,20 @@ impl Instance {
         Refused(format!("{}: {error}", self.called(function)))
     }
 
-    /// Where in the state machine it is.
+    /// Phase in the state machine.
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// After a panic nothing can be relied on.
+    /// Marks the instance as unusable: after a panic nothing can be relied on.
     pub fn poison(&mut self) {
         self.phase = Phase::Poisoned;
     }
 
-    /// What a kernel of its equations is compiled from: for any parameters, or folded, for those that are there.
+    /// Returns the functions from which a kernel of its equations is compiled: for any parameters, or folded, for the
+    /// present ones.
     ///
-    /// # Errors
-    /// When there is none.
+    /// # Errors The equations have no kernel.
     pub fn kernel_functions(&mut self, folded: bool) -> Result<Functions, Invalid> {
         if !folded {
             return Functions::of(&self.unit.model, &|_| None);

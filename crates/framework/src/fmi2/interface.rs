@@ -28,8 +28,7 @@ use super::types::{
 
 /// fmi2Instantiate
 ///
-/// # Safety
-/// Pointers as the standard says: strings with their ends, callbacks of the right signatures.
+/// # Safety The pointers conform to the standard: terminated strings, and callbacks with the right signatures.
 #[allow(clippy::too_many_arguments)] // the standard's
 pub unsafe fn instantiate(
     library: Library,

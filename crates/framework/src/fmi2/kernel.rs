@@ -1,4 +1,4 @@
-//! The functions of a kernel as they are recorded: what a library tells a host that has a compiler.
+//! Recorded functions of a kernel, which a library passes to a host that has a compiler.
 
 mod elimination;
 
@@ -16,19 +16,19 @@ const LARGEST: usize = 20_000;
 /// Operations that are followed at most while a Jacobian is recorded: beyond that, few runs are long enough for it.
 const MOST_FOLLOWED: usize = 250_000;
 
-/// What a kernel is compiled from.
+/// Functions that a kernel is compiled from.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Functions {
     version: u32,
     /// Sizes of the block that they are for.
     pub sizes: Sizes,
-    /// What they call.
+    /// Functions that they call.
     pub callees: Callees,
     /// Signals, rates, and the Jacobian.
     pub equations: Vec<Operation>,
-    /// Where signals go in the block.
+    /// Places of the signals in the block.
     pub signals: Vec<Write>,
-    /// Where rates go in the block.
+    /// Places of the rates in the block.
     pub rates: Vec<Write>,
     /// The entries of the Jacobian, and the rates' change by time; nothing where it has too many operations.
     pub jacobian: Option<[Vec<Write>; 2]>,
@@ -42,15 +42,16 @@ pub type Write = (u32, Node);
 /// Straight-line elimination over the pattern of a Jacobian.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Solver {
-    /// From the diagonal, which [`Leaf::Time`] is, and entries of the Jacobian, by their numbers as [`Leaf::Real`].
+    /// Decomposition. [`Leaf::Time`] is the diagonal, and each [`Leaf::Real`] is an entry of the Jacobian, by its
+    /// number.
     pub decompose: Vec<Operation>,
     /// True if the decomposition is accurate.
     pub accurate: Node,
-    /// Where the factors go.
+    /// Places of the factors.
     pub factors: Vec<Write>,
-    /// From the factors, as [`Leaf::Real`], and the right-hand side, as [`Leaf::Change`].
+    /// Solution. Each [`Leaf::Real`] is a factor, and each [`Leaf::Change`] a number of the right-hand side.
     pub solve: Vec<Operation>,
-    /// Where the solution goes in the right-hand side.
+    /// Places of the solution in the right-hand side.
     pub solution: Vec<Write>,
 }
 
@@ -159,7 +160,7 @@ impl Functions {
     }
 }
 
-/// What becomes of values of the block, where that is anything.
+/// New values of the block, only those that change.
 fn writes(recording: &Recording, places: impl Iterator<Item = usize>) -> Vec<Write> {
     let written = |place: usize| {
         let (node, own) = (recording.reals[place], Leaf::Real(place as u32));
@@ -168,7 +169,7 @@ fn writes(recording: &Recording, places: impl Iterator<Item = usize>) -> Vec<Wri
     places.filter_map(written).collect()
 }
 
-/// How many operations nodes take, those of iterations' bodies once.
+/// Number of operations that nodes need; those of an iteration's body count once.
 fn size(tape: &Tape, wanted: &[Node]) -> usize {
     let needed = tape.needed(wanted);
     tape.operations().iter().zip(needed).filter(|(_, needed)| *needed).map(|(operation, _)| size_of(operation)).sum()

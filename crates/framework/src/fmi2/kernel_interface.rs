@@ -1,5 +1,5 @@
-//! The C side of functions beside the standard's: an instance tells a host what its equations are compiled from, and is handed
-//! what came of it.
+//! C side of functions in addition to the standard's: an instance gives a host the functions to compile, and gets back
+//! the compiled ones.
 
 use std::ffi::{CString, c_void};
 

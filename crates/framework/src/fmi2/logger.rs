@@ -44,11 +44,11 @@ pub enum Callback {
     Fmi3(LogMessage),
 }
 
-/// Where an instance's messages go. Errors and warnings are always logged; a master that asked for no logging
+/// Destination of an instance's messages. Errors and warnings are always logged; a master that asked for no logging
 /// would else see a bare status.
 ///
-/// A call collects its messages, and sends them as the last thing that it does: so the master's function may call the
-/// instance again, and may throw an exception, which finds nothing half done.
+/// A call collects its messages and sends them at its very end. So the master's function may call the instance again,
+/// and may throw an exception, without finding anything half done.
 #[derive(Debug)]
 pub struct Logger {
     function: Option<Callback>,

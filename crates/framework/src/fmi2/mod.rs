@@ -1,6 +1,6 @@
-//! The boundary of FMI 2.0 and, in [`fmi3`], of FMI 3.0: everything that the standards ask of a unit, for any system.
+//! The boundary of FMI 2.0 and, in [`fmi3`], of FMI 3.0: everything that the standards ask of an FMU, for any system.
 //!
-//! [`calls`] says which function may be called when, [`instance`] is what the functions do, in safe Rust,
+//! [`calls`] lists the functions that each phase allows, [`instance`] implements the functions in safe Rust,
 //! [`interface`] is the C side of it, and [`model_description`] writes the XML. None of them knows a model.
 
 pub mod access;

@@ -13,7 +13,7 @@ use crate::system::{BASE_UNITS, Base, Causality, Data, Element, Section, Unit, V
 use super::access::References;
 use super::logger;
 
-/// How the description of a constant ends that a unit was designed with.
+/// End of the description of a constant that an FMU was designed with.
 pub const DESIGNED: &str = " (designed at export)";
 
 /// The file of a source unit that is compiled; it includes all others.
@@ -22,8 +22,8 @@ pub const SOURCE: &str = "all.c";
 pub(super) type Xml = Writer<Vec<u8>>;
 pub(super) type Attributes<'a> = Vec<(&'a str, String)>;
 
-/// The GUID of a model: a name-based UUID of its description and of all that its system declares, which is what the XML
-/// tells of it. So the same unit always has the same GUID, and another one another.
+/// The GUID of a model: a name-based UUID of its description and of all that its system declares, which is the content
+/// of the XML. So the same FMU always has the same GUID, and different ones have different ones.
 pub fn guid(model: &Model) -> [u8; 16] {
     let Description { name, model: system, description, experiment, structure, designed, fmi, .. } =
         model.description();

@@ -1,4 +1,4 @@
-//! What the functions of model exchange do with an instance (FMI 2.0.4, section 3.2).
+//! Functions of model exchange for an instance (FMI 2.0.4, section 3.2).
 
 use super::calls::{Answer, Refused};
 use super::calls::{Function, Phase};

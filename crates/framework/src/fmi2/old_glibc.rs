@@ -1,14 +1,14 @@
-//! What a library for Linux asks of the C library there. A linker binds each function of it to its newest version, and
-//! the library then can't be loaded where that is missing. So functions that have become newer are bound to their first
-//! versions, which every glibc keeps, and those that came later are taken where the running system has them.
+//! Functions that a library for Linux needs from the C library there. A linker binds each of them to its newest
+//! version, and the library then can't be loaded where that is missing. So functions that have become newer are bound
+//! to their first versions, which every glibc provides, and later ones are used where the running system has them.
 //!
-//! The linker finds these functions before those of the C library, for Rust's standard library too. They are hidden:
-//! no other library in the process sees them. What they bind to is of glibc 2.17 or older, the oldest that Rust
-//! supports. Exported units need them, or the mathematics of others' models; `info` tells what a library asks for.
+//! The linker finds these functions before those of the C library, for Rust's standard library too. They are hidden: no
+//! other library in the process sees them. They bind to versions of glibc 2.17 or older, the oldest that Rust supports.
+//! Exported FMUs need them, or the mathematics of others' models does; `info` shows the needs of a library.
 
 use std::ffi::{c_char, c_int, c_long, c_uint, c_void};
 
-/// What ends a thread's value of a key.
+/// Destructor of a thread's value of a key.
 pub type Destructor = unsafe extern "C" fn(*mut c_void);
 /// `pthread_key_create`.
 pub type KeyCreate = unsafe extern "C" fn(*mut c_uint, Option<Destructor>) -> c_int;
@@ -60,11 +60,10 @@ pub unsafe extern "C" fn set_specific(key: c_uint, value: *const c_void, functio
     function.map_or(0, |set| unsafe { set(key, value) })
 }
 
-/// `__cxa_thread_atexit_impl`, of glibc 2.18. An older one is not told to end the thread's values, whose memory then
-/// stays taken: to end them by other means could reach into a library that was unloaded before.
+/// `__cxa_thread_atexit_impl`, of glibc 2.18. An older one is not asked to end the thread's values, whose memory then
+/// stays taken: other means of ending them could reach into a library that was unloaded before.
 ///
-/// # Safety
-/// As for that function; `lookup` is dlsym, where the process has it.
+/// # Safety As for that function; `lookup` is dlsym, where the process has it.
 pub unsafe extern "C" fn at_thread_exit(
     destructor: Destructor,
     value: *mut c_void,
@@ -293,7 +292,7 @@ mod tests {
         let (mut bytes, mut status) = ([0_u8; 32], [0_u8; 256]);
         let size = |status: &[u8; 256]| u64::from_le_bytes(status[40..48].try_into().unwrap());
         let file = std::ffi::CString::new(env!("CARGO_MANIFEST_DIR").to_owned() + "/Cargo.toml").unwrap();
-        // SAFETY: the buffers are as long as told, and as the structure of statx.
+        // SAFETY: the buffers have the given lengths, and the structure of statx.
         unsafe {
             assert_eq!(random(bytes.as_mut_ptr().cast(), bytes.len(), 0), 32);
             assert_eq!(file_status(libc::AT_FDCWD, file.as_ptr(), 0, 0x7ff, status.as_mut_ptr().cast()), 0);

@@ -10,10 +10,9 @@ thread_local! {
     static PLACE: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// Runs what may panic; its text and place, if it did.
+/// Runs code that may panic.
 ///
-/// # Errors
-/// What the panic said.
+/// # Errors The panic's text and place.
 pub fn contain<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     silence();
     INSIDE.set(true);
@@ -24,9 +23,9 @@ pub fn contain<T>(call: impl FnOnce() -> T) -> Result<T, String> {
 
 type Hook = Box<dyn Fn(&PanicHookInfo<'_>) + Send + Sync>;
 
-/// The hook of this library's own copy of the standard library notes where a contained panic happened, and leaves
-/// all others to the hook before it. That one is kept beside it, not within it: so nothing is allocated that would be
-/// lost when a master unloads the library.
+/// Installs a hook in this library's own copy of the standard library. It notes where a contained panic happened, and
+/// passes all others to the previous hook. That one is stored in a static, not captured: an allocation would be lost
+/// when a master unloads the library.
 fn silence() {
     static BEFORE: OnceLock<Hook> = OnceLock::new();
     BEFORE.get_or_init(|| {

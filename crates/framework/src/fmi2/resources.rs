@@ -1,4 +1,4 @@
-//! Where the resources of an FMU lie.
+//! Location of an FMU's resources.
 
 use std::path::PathBuf;
 
@@ -7,8 +7,7 @@ use crate::text_file;
 /// Name of the description within the resources.
 pub const DESCRIPTION: &str = "description.toml";
 
-/// What a location begins with that is no place but holds the description itself: where there are no files, as in a
-/// browser.
+/// Prefix of a location that contains the description itself, for hosts without files such as a browser.
 pub const HELD: &str = "data:,";
 
 /// The description of the unit whose resources a master's `fmuResourceLocation` names, and its file, for messages.
@@ -62,7 +61,7 @@ fn from_uri(location: &[u8]) -> Result<PathBuf, String> {
     path(decoded)
 }
 
-/// What follows a prefix, whose letters may be large or small.
+/// The rest after a prefix, whose letters may be large or small.
 fn without_prefix<'a>(bytes: &'a [u8], prefix: &[u8]) -> Option<&'a [u8]> {
     let (start, rest) = bytes.split_at_checked(prefix.len())?;
     start.eq_ignore_ascii_case(prefix).then_some(rest)
@@ -112,7 +111,8 @@ fn beside_library() -> Option<PathBuf> {
     Some(library.parent()?.parent()?.parent()?.join("resources"))
 }
 
-/// By what is loaded where, which every glibc tells: dladdr lies in a library of its own in old ones.
+/// Path of this library, from the list of loaded objects. Every glibc has that list; in old ones dladdr is in a
+/// separate library.
 #[cfg(target_os = "linux")]
 fn own_path() -> Option<PathBuf> {
     use std::ffi::{CStr, c_int, c_void};
@@ -122,8 +122,8 @@ fn own_path() -> Option<PathBuf> {
         found: Option<Vec<u8>>,
     }
     unsafe extern "C" fn look(object: *mut libc::dl_phdr_info, _: usize, search: *mut c_void) -> c_int {
-        // SAFETY: called by dl_iterate_phdr alone, with an object that is loaded and the place that it was given; the
-        // object's segments and name are as it says, and stay as long as it is loaded.
+        // SAFETY: only dl_iterate_phdr calls it, with a loaded object and the place that it was given; the object's
+        // segments and name are as it describes them, and stay as long as it is loaded.
         unsafe {
             let (object, search) = (&*object, &mut *search.cast::<Search>());
             if object.dlpi_phdr.is_null() || object.dlpi_name.is_null() {
@@ -173,7 +173,7 @@ fn own_path() -> Option<PathBuf> {
 fn own_path() -> Option<PathBuf> {
     use std::ffi::{OsString, c_void};
     use std::os::windows::ffi::OsStringExt;
-    /// By an address within the module, which keeps its count of references.
+    /// Flags for a look-up by an address within the module, without a change of its reference count.
     const FROM_ADDRESS_UNCHANGED: u32 = 4 | 2;
     /// More than Windows' longest path.
     const LONGEST: usize = 1 << 15;
@@ -185,7 +185,7 @@ fn own_path() -> Option<PathBuf> {
     let mut module = std::ptr::null_mut();
     let mut name = vec![0_u16; LONGEST];
     // SAFETY: the first function only looks up the address, one of this library, and writes the module's handle; the
-    // second writes at most as many characters as it is told, which the buffer has.
+    // second writes at most as many characters as its argument allows, which the buffer has.
     let length = unsafe {
         if GetModuleHandleExW(FROM_ADDRESS_UNCHANGED, here as *const c_void, &raw mut module) == 0 {
             return None;

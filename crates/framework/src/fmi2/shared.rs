@@ -1,5 +1,5 @@
-//! What all instances of a unit have in common, made once for those that live at a time, and kept for those that come after
-//! them, where the platform tells when the library is unloaded.
+//! Data shared by all instances of an FMU, created once for those alive at the same time, and cached for later ones on
+//! platforms that report when the library is unloaded.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -30,7 +30,7 @@ pub struct Shared {
     pub base: Option<Arc<Shared>>,
 }
 
-/// A unit that is in memory, and what it was made of: a description, by the kinds of a registry, with sizes of a master's, if any.
+/// A unit in memory and its origin: description, kinds of a registry, and a master's sizes, if any.
 struct Known {
     description: String,
     registry: Registry,
@@ -38,7 +38,7 @@ struct Known {
     unit: Weak<Shared>,
 }
 
-/// What this library holds of units.
+/// This library's units.
 struct Units {
     known: Vec<Known>,
     /// Those that stay though none of their instances is alive, the latest last.
@@ -47,17 +47,16 @@ struct Units {
 
 static UNITS: Mutex<Units> = Mutex::new(Units { known: Vec::new(), kept: Vec::new() });
 
-/// So many units stay without an instance: searches and sweeps make and free instances of the same few again and again, and
-/// to read a description, design and record its unit takes many times as long as an instance. Only where they can be let go of
-/// before the library leaves the memory of its host, or it never does, as in a browser.
+/// Number of units that stay without an instance. Searches and sweeps create and free instances of the same few again
+/// and again, and reading a description, designing and recording its unit takes many times as long as creating an
+/// instance. Units stay only where they can be released before the host unloads the library, or where it is never
+/// unloaded, as in a browser.
 const MOST_KEPT: usize = if cfg!(any(target_os = "linux", target_family = "wasm")) { 8 } else { 0 };
 
 impl Shared {
-    /// The unit of a description, which lies in a file. Instances share it by what the description says, not where it
-    /// lies.
+    /// The unit of a description, which is in a file. Instances share it by the description's text, not by its place.
     ///
-    /// # Errors
-    /// What is wrong with its description.
+    /// # Errors Errors in its description.
     pub fn of((file, text): (PathBuf, String), library: Library) -> Answer<Arc<Self>> {
         let alive = units().alive(&text, library.registry, &[]);
         if let Some(unit) = alive {
@@ -103,7 +102,7 @@ impl Shared {
         Shared { model: Arc::new(model), references, guid, source, order_of_states, base }
     }
 
-    /// Makes it known to instances that come after.
+    /// Makes it available to later instances.
     fn take_in(self: &Arc<Self>, description: String, registry: Registry, sizes: Vec<usize>) {
         let known = Known { description, registry, sizes, unit: Arc::downgrade(self) };
         // What goes for it is dropped when this function no longer holds the units.
@@ -126,7 +125,7 @@ impl Units {
         self.known.iter().find(is_this).and_then(|known| known.unit.upgrade())
     }
 
-    /// The description and the kinds that a unit was made of.
+    /// Description and kinds of a unit.
     fn made_of(&self, unit: &Arc<Shared>) -> Option<(String, Registry)> {
         let known = self.known.iter().find(|known| known.unit.as_ptr() == Arc::as_ptr(unit))?;
         Some((known.description.clone(), known.registry))
@@ -145,7 +144,7 @@ impl Units {
     }
 }
 
-/// With the last that holds a unit goes what is known of it.
+/// Removes a unit's entry when nothing refers to it any longer.
 impl Drop for Shared {
     fn drop(&mut self) {
         let mut units = units();

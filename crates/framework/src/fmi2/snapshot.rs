@@ -15,7 +15,7 @@ pub struct Snapshot {
     pub identity: [u8; 16],
     /// All values.
     pub block: Block,
-    /// Where in the state machine.
+    /// Phase in the state machine.
     pub phase: Phase,
     /// Stop time, if the master set one.
     pub stop_time: Option<f64>,
@@ -31,8 +31,9 @@ pub fn serialised_size(block: &Block) -> usize {
     HEADER + 8 * block.reals.len() + 4 * block.integers.len()
 }
 
-/// Which states belong together: those of one unit (by its GUID) and interface in one build, by the checksum of its
-/// sources, since what a state means may change with them, and a step of co-simulation can't go on from within a master's integrator.
+/// Mark of compatible states: those of one FMU (by its GUID) and interface in one build, by the checksum of its
+/// sources, since the meaning of a state may change with them, and a step of co-simulation can't go on from within a
+/// master's integrator.
 pub fn identity(guid: [u8; 16], interface: Interface, source: &str) -> [u8; 16] {
     let name = [source, interface.describe()].concat();
     Uuid::new_v5(&Uuid::from_bytes(guid), name.as_bytes()).into_bytes()

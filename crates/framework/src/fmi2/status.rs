@@ -1,4 +1,4 @@
-//! The status functions: steps are never asynchronous, so there is little to tell.
+//! The status functions: steps are never asynchronous, so there is little to report.
 
 use std::ffi::c_int;
 

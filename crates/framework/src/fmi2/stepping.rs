@@ -8,10 +8,11 @@ use super::instance::{Instance, hand_out};
 use super::logger::{EVENTS, WARNING};
 use super::types::Status;
 
-/// How far, in parts of the step, a master's communication point may lie from where the instance stands: a clock of single
-/// precision, or of whole microseconds, is no nearer.
+/// Largest distance, in parts of the step, of a master's communication point from the instance's time: a clock of
+/// single precision, or of whole microseconds, is no closer.
 pub(super) const COMMUNICATION_POINT_SLACK: f64 = 1e-3;
-/// Up to this, in parts of the step, it is the rounding of a master that adds up its steps, which needs no message.
+/// Distance up to which, in parts of the step, it is the rounding of a master that adds up its steps, which needs no
+/// message.
 const COMMUNICATION_POINT_ROUNDING: f64 = 1e-6;
 
 impl Instance {
@@ -43,7 +44,7 @@ impl Instance {
         }
     }
 
-    /// Tells by which method the unit is integrated, where that has changed and the host wants to know.
+    /// Logs the integration method, if it has changed and the host wants to know.
     fn log_method(&mut self) {
         if let Some(chosen) = self.execution.method_news().filter(|_| self.logger.is_enabled(EVENTS)) {
             self.logger.log(Status::Ok, EVENTS, &chosen.to_string());
@@ -145,7 +146,7 @@ impl Instance {
     }
 }
 
-/// How far a communication point may lie from a time: a part of the step, and the rounding of the time.
+/// Largest distance of a communication point from a time: a part of the step, plus the rounding of the time.
 fn point_slack(part: f64, step: f64, time: f64) -> f64 {
     part * step + 4.0 * f64::EPSILON * time.abs()
 }

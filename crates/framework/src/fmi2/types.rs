@@ -64,7 +64,7 @@ pub type LogMessage = unsafe extern "C-unwind" fn(*mut c_void, Status, StringPoi
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct CallbackFunctions {
-    /// Where messages go.
+    /// Destination of messages.
     pub logger: Option<LoggerFunction>,
     /// Never called.
     pub allocate_memory: Option<unsafe extern "C" fn(usize, usize) -> *mut c_void>,
@@ -94,5 +94,5 @@ pub struct EventInfo {
     pub next_event_time: f64,
 }
 
-/// What receives the reply of a function beside the standard's.
+/// Receiver of the reply of a function in addition to the standard's.
 pub type Reply = unsafe extern "C-unwind" fn(context: *mut std::ffi::c_void, text: StringPointer);

@@ -168,7 +168,7 @@ fn changes(law: &Law, structs: &Structs, driver: &Driver) -> String {
     text
 }
 
-/// On which sides event indicators are.
+/// Sides of the event indicators.
 fn sides(law: &Law, structs: &Structs, driver: &Driver) -> String {
     if !driver.has_events {
         return String::new();

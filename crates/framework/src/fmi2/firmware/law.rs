@@ -49,7 +49,7 @@ pub(super) struct Recorded {
 #[derive(Debug)]
 pub(super) struct Law<'a> {
     pub model: &'a Model,
-    /// From call to call, s.
+    /// Time between calls, s.
     pub period: f64,
     pub substeps: u32,
     pub fallback: Fallback,

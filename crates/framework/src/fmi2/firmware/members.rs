@@ -87,7 +87,7 @@ impl Members {
         });
     }
 
-    /// Where a value is, behind the struct.
+    /// Access to a value, behind the struct.
     pub fn access(&self, place: usize, is_real: bool) -> Option<&String> {
         if is_real { self.reals.get(&place) } else { self.integers.get(&place) }
     }

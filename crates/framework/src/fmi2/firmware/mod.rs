@@ -49,10 +49,10 @@ pub enum Fallback {
     Manual,
 }
 
-/// How a law is exported.
+/// Options of an export.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Options {
-    /// From call to call, s; that of its samples, or the step of its default experiment, where there is none.
+    /// Time between calls, s; by default its sample time or, without one, the step of its default experiment.
     pub period: Option<f64>,
     /// Runge-Kutta steps in a period.
     pub substeps: u32,

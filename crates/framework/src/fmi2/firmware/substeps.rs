@@ -16,11 +16,11 @@ use crate::model::Model;
 use crate::report::number;
 use crate::system::Section;
 
-/// So often eigenvalues are found along the signals of a loop.
+/// Number of points along the signals of a loop at which eigenvalues are computed.
 const LOOKS: usize = 100;
 /// Larger systems take too long.
 const MOST_STATES: usize = 250;
-/// Amplification by a step that isn't told from 1.
+/// Difference of a step's amplification from 1 that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// The mode that asks for the most Runge-Kutta steps.
@@ -28,7 +28,7 @@ const ROUNDING: f64 = 1e-9;
 pub(super) struct Fastest {
     /// Its eigenvalue, 1/s.
     pub value: Complex<f64>,
-    /// When it is so fast, s.
+    /// Time at which it is this fast, s.
     pub time: f64,
     /// The fewest steps in a period with which it decays.
     pub least: u32,

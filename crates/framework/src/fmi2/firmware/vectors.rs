@@ -13,7 +13,7 @@ use crate::system::{Choice, Section};
 
 /// The most steps that are recorded.
 const VECTORS: usize = 100;
-/// Without signals of a loop, inputs swing so far about their starts, in their own units, and so fast, in rad/s.
+/// Amplitude, in its own unit, and frequency, in rad/s, of each input around its start without signals of a loop.
 const SWING: f64 = 0.02;
 const FREQUENCY: f64 = 3.0;
 
@@ -25,7 +25,7 @@ pub type Signals = BTreeMap<String, Vec<f64>>;
 pub(super) struct Vectors {
     pub inputs: Vec<Vec<f64>>,
     pub outputs: Vec<Vec<f64>>,
-    /// After the last step.
+    /// States after the last step.
     pub states: Vec<f64>,
     /// The largest sizes of outputs and of states in all steps.
     pub largest: [Vec<f64>; 2],

@@ -20,7 +20,7 @@ pub(super) struct Work {
 }
 
 impl Work {
-    /// At most one of both.
+    /// Upper bound of one or the other.
     fn or(self, other: Work) -> Work {
         let [simple, divisions, functions] =
             [self.simple.max(other.simple), self.divisions.max(other.divisions), self.functions.max(other.functions)];

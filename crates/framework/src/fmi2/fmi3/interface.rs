@@ -124,7 +124,7 @@ pub unsafe fn set_uint64(
     (references, count): (*const ValueReference, usize),
     (values, values_count): (*const u64, usize),
 ) -> Status {
-    // Allowed in all phases: which one it needs, the instance says where it has such variables at all.
+    // Allowed in all phases: the instance reports which one it needs if it has such variables.
     call(c, Function::GetUInt64, |instance| {
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(references, count).zip(array(values, values_count)) };
@@ -169,9 +169,9 @@ pub unsafe fn set_float64(
 
 /// Whole numbers of C: Int32, Int64 (enumerations) and Boolean.
 pub trait Whole: Copy {
-    /// From what an instance has.
+    /// Converts from an instance's value.
     fn of(value: i32) -> Self;
-    /// As a number that an instance takes.
+    /// Converts to a number that an instance takes.
     fn number(self) -> i64;
 }
 

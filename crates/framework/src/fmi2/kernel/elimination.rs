@@ -9,7 +9,7 @@ use crate::scalar::Scalar;
 /// An elimination of more operations is left to the integrator.
 const LARGEST: usize = 6000;
 
-/// For a Jacobian's pattern, where it has an elimination that is worth it.
+/// Records an elimination for a Jacobian's pattern, if it is worth it.
 pub(super) fn record(sparsity: &Sparsity) -> Option<Solver> {
     let pattern = sparsity.pattern()?;
     let rows: Vec<(&[u32], &[u32])> = pattern.rows().collect();
@@ -40,7 +40,7 @@ fn given(leaf: Leaf) -> Recorded {
     Recorded::of(Operation::Leaf(leaf))
 }
 
-/// Where entries of the decomposition lie: row by row, the inverse pivot in the diagonal's place.
+/// Places of the decomposition's entries: row by row, with the inverse pivot in place of the diagonal.
 struct Places {
     of_rows: Vec<Vec<(u32, u32)>>,
 }

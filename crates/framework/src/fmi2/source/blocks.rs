@@ -187,7 +187,7 @@ impl Blocks {
 
 /// Operations that are needed for what is wanted.
 pub struct Placed {
-    /// How often each is used.
+    /// Number of uses of each.
     pub uses: Vec<u32>,
     /// Their blocks.
     pub blocks: Blocks,
@@ -204,7 +204,7 @@ pub fn placed(operations: &[Operation], wanted: &[Wanted]) -> Placed {
     Placed { blocks: Blocks::of(operations, &needed, wanted, &|place| partial[place]), uses }
 }
 
-/// Which operations may have a part that isn't defined for every number, or whose result may have none: names hide what they stand for.
+/// True for operations that may be undefined for some numbers, themselves or in an operand without a name.
 fn partial(operations: &[Operation], uses: &[u32]) -> Vec<bool> {
     let mut found = vec![false; operations.len()];
     for (place, operation) in operations.iter().enumerate() {
@@ -231,7 +231,8 @@ pub fn is_total(operation: &Operation) -> bool {
     )
 }
 
-/// How often operations are used: by others, and by what is wanted. What a loop reads, and a square, is used more than once.
+/// Number of uses of each operation: by others, and by what is wanted. What a loop reads, and a square, counts more
+/// than once.
 fn uses(operations: &[Operation], needed: &[bool], wanted: &[Node]) -> Vec<u32> {
     let mut uses = vec![0; operations.len()];
     wanted.iter().for_each(|node| uses[node.index()] += 1);

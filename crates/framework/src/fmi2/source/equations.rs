@@ -17,15 +17,15 @@ pub(super) struct Head {
     pub declaration: &'static str,
 }
 
-/// Where a computed value goes.
+/// Destination of a computed value.
 pub(super) struct Target {
     pub node: Node,
-    /// As C writes it, up to the value.
+    /// C text of its assignment, up to the value.
     pub place: String,
     pub kind: Kind,
     /// The variable that it is.
     pub variable: Option<String>,
-    /// Where its equation is from; empty where none is told.
+    /// Source of its equation; empty if none is given.
     pub source: &'static str,
 }
 
@@ -41,12 +41,12 @@ impl Target {
     }
 }
 
-/// What an evaluation writes: signals, and rates too.
+/// Sections that an evaluation writes: signals, and rates too.
 pub(super) const SIGNALS: [Section; 2] = [Section::Connected, Section::Signal];
 pub(super) const SIGNALS_AND_RATES: [Section; 3] = [Section::Connected, Section::Signal, Section::Derivative];
-/// What the start writes; the rest follows when it is evaluated.
+/// Sections that the start writes; the rest follows when it is evaluated.
 const STARTED: [Section; 4] = [Section::Prepared, Section::State, Section::Discrete, Section::Memory];
-/// What other methods may write: signals too, where they evaluate them.
+/// Sections that other methods may write: signals too, if they evaluate them.
 const ANY: [Section; 7] = [
     Section::Prepared,
     Section::State,
@@ -57,7 +57,7 @@ const ANY: [Section; 7] = [
     Section::Derivative,
 ];
 
-/// Methods that change values, tell and refuse.
+/// Methods that change values, log and refuse.
 const METHODS: [(Method, Head); 6] = [
     (
         Method::Relate,
@@ -142,7 +142,7 @@ pub(super) fn write(unit: &Unit) -> String {
     text + &function(unit, &of_indicators, &indicators.tape, &targets, &[])
 }
 
-/// A function that computes nodes of a tape, tells and refuses what is noted, and writes what it has computed.
+/// A function that computes nodes of a tape, logs and refuses as noted, and writes its results.
 pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target], notes: &[Note]) -> String {
     let mut names = Names::default();
     let mut function = Function::new(&mut names, "int");
@@ -153,7 +153,7 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     let variables: HashMap<Node, &String> =
         targets.iter().rev().filter_map(|target| Some((target.node, target.variable.as_ref()?))).collect();
     let named = |node: Node| variables.get(&node).map(|name| (*name).clone());
-    // What is told is computed where it is told.
+    // Numbers of a message are computed under the message's condition.
     let when_told = told.iter().flat_map(|(condition, told)| {
         std::iter::once((*condition, None)).chain(told.numbers.iter().map(|&number| (number, Some(*condition))))
     });
@@ -179,7 +179,7 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     framed((head.what, head.declaration), &function.lines())
 }
 
-/// Reads what the wanted nodes are made of into names.
+/// Reads the leaves that the wanted nodes depend on into names.
 fn read(unit: &Unit, tape: &Tape, wanted: &[Node], function: &mut Function) -> HashMap<Leaf, Expression> {
     let needed = tape.needed(wanted);
     let leaf = |(place, operation): (usize, &Operation)| match operation {
@@ -204,7 +204,7 @@ fn read(unit: &Unit, tape: &Tape, wanted: &[Node], function: &mut Function) -> H
     leaves.into_iter().map(|leaf| (leaf, expression(leaf))).collect()
 }
 
-/// Tells or refuses, where a condition holds.
+/// Writes a message or a refusal under a condition.
 fn say(unit: &Unit, note: &Note, told: &Told, condition: &str, values: &[String], function: &mut Function) {
     let given = match note {
         Note::Message { category, .. } => format!("tell(told, {}, ", unit.category(category)),

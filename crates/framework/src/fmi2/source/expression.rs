@@ -2,7 +2,7 @@
 
 use crate::recording::{Binary, Comparison, Unary};
 
-/// How strongly an expression's outermost operator binds, as C has it.
+/// Precedence of an expression's outermost operator in C.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Binding {
     /// a ? b : c
@@ -37,7 +37,7 @@ pub enum Kind {
 /// An expression.
 #[derive(Debug, Clone)]
 pub struct Expression {
-    /// As C writes it.
+    /// C text.
     pub text: String,
     /// Its outermost operator.
     pub binding: Binding,
@@ -45,7 +45,7 @@ pub struct Expression {
     pub kind: Kind,
     /// The number that it is, where that is known.
     pub known: Option<f64>,
-    /// How many operations it has.
+    /// Number of operations.
     pub size: usize,
     /// True if it has an operation that isn't defined for every number, or whose result may have none.
     pub is_partial: bool,
@@ -78,12 +78,12 @@ impl Expression {
         Expression { known: Some(value), ..Expression::new(text, binding, Kind::Real, 0) }
     }
 
-    /// In parentheses where it binds less than that.
+    /// Text, in parentheses if its precedence is lower than this.
     fn at_least(&self, binding: Binding) -> String {
         if self.binding >= binding { self.text.clone() } else { format!("({})", self.text) }
     }
 
-    /// In parentheses where it doesn't bind more than that.
+    /// Text, in parentheses unless its precedence is higher than this.
     fn above(&self, binding: Binding) -> String {
         if self.binding > binding { self.text.clone() } else { format!("({})", self.text) }
     }
@@ -92,7 +92,7 @@ impl Expression {
         self.known.is_some_and(|value| value == value.trunc() && value.abs() < 1e9)
     }
 
-    /// As a `real`.
+    /// Expression as a `real`.
     pub fn real(&self) -> Self {
         match self.kind {
             Kind::Real => self.clone(),
@@ -103,7 +103,7 @@ impl Expression {
         }
     }
 
-    /// As an `int`.
+    /// Expression as an `int`.
     pub fn whole(&self) -> Self {
         match (self.kind, self.known) {
             (Kind::Whole, _) => self.clone(),
@@ -118,7 +118,7 @@ impl Expression {
         }
     }
 
-    /// As a condition.
+    /// Expression as a condition.
     pub fn condition(&self) -> Self {
         match (self.kind, self.known) {
             (Kind::Whole, _) => self.clone(),
@@ -261,7 +261,7 @@ impl Expression {
     }
 }
 
-/// A number as C writes it: with the digits that tell it from every other one.
+/// A number in C: the shortest digits that give exactly this number.
 pub fn number(value: f64) -> String {
     if value.is_nan() {
         return "(real)NAN".to_owned();

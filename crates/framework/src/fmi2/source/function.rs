@@ -31,15 +31,15 @@ pub struct Function<'a> {
 /// Operations of a tape, or of an iteration's body, and their expressions so far.
 struct Scope<'a> {
     operations: &'a [Operation],
-    /// How often each is used, and where.
+    /// Number of uses of each, and their blocks.
     uses: Vec<u32>,
     blocks: Blocks,
     /// Blocks that are being written, from the function itself inwards, and the lines of those that wait.
     open: Vec<Open>,
-    /// Which of them the function's lines are of.
+    /// Index of the block that the function's lines belong to.
     current: usize,
     found: Vec<Option<Expression>>,
-    /// Which are being computed.
+    /// True for operations that are being computed.
     is_open: Vec<bool>,
     named: &'a dyn Fn(Node) -> Option<String>,
     given: &'a dyn Fn(&Operation) -> Expression,
@@ -203,7 +203,7 @@ impl<'a> Function<'a> {
         is_done.then(|| (lines, scope.of(value).clone()))
     }
 
-    /// What a selection takes: an expression, or, where an arm has lines of its own, a name that both arms give a value.
+    /// Result of a selection: an expression or, if an arm has lines of its own, a name that both arms give a value.
     fn selected(
         &mut self,
         place: usize,
@@ -269,7 +269,7 @@ impl<'a> Function<'a> {
         (name, of)
     }
 
-    /// Where an operation is needed; nothing where that is always.
+    /// Condition under which an operation is needed; none if it always is.
     fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
         let guard = scope.blocks.guard(place);
         // Conditions get names only where all that is asked for is known.
@@ -312,7 +312,7 @@ impl<'a> Function<'a> {
         Some(named)
     }
 
-    /// A loop; what it reaches stands in an array, of which the expression is the name.
+    /// A loop; its results are in an array, whose name is the expression.
     fn iteration(
         &mut self,
         body: &Body,
@@ -418,7 +418,7 @@ impl Function<'_> {
         Expression { known: Some(value), ..named }
     }
 
-    /// What stands elsewhere, by the name of the variable that it is.
+    /// A value from elsewhere, under its variable's name.
     pub fn named(&mut self, variable: &str, kind: Kind, text: &str, comment: &str) -> Expression {
         let name = self.names.of(variable);
         let of = if kind == Kind::Real { "real" } else { "int" };
@@ -427,7 +427,7 @@ impl Function<'_> {
         Expression::atom(name, kind)
     }
 
-    /// What stands at a place of an array, by a name of its own, in a line with what it is.
+    /// A value at a place of an array, under a name of its own, in a line with its description.
     pub fn read(&mut self, array: &str, place: usize, kind: Kind, variable: &str) -> Expression {
         let name = self.names.of(variable);
         let of = if kind == Kind::Real { "real" } else { "int" };

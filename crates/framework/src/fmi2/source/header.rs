@@ -79,7 +79,7 @@ fn name<'a>(unit: &'a Unit) -> &'a str {
     &unit.model.description().name
 }
 
-/// Which saved states are a unit's own, by the interface.
+/// Marks of the FMU's own saved states, one per interface.
 fn identities(guid: [u8; 16]) -> String {
     let bytes =
         |interface| snapshot::identity(guid, interface, "source").map(|byte| format!("0x{byte:02x}")).join(", ");

@@ -30,8 +30,8 @@ impl Told {
     }
 }
 
-/// How a number is written: `n` with all its digits; for a person `r` rounded, `d` cut, `u` rounded up; with so many digits
-/// behind the point `e` with an exponent, `c` so and cut, `f` without.
+/// Mark of a number's format: `n` with all its digits; for a person `r` rounded, `d` cut, `u` rounded up; with the
+/// given number of decimals `e` with an exponent, `c` the same and cut, `f` without.
 fn mark(how: &str) -> String {
     match how.strip_prefix('.') {
         Some(digits) if digits.ends_with(['e', 'c']) => digits.chars().rev().collect(),

@@ -58,10 +58,10 @@ struct Unit<'a> {
     /// Names of what lies in the block.
     real_names: Vec<String>,
     integer_names: Vec<String>,
-    /// Where the equations of reals are from, where that is told.
+    /// Sources of the equations of reals, if given.
     sources: Vec<&'static str>,
     categories: Vec<&'static str>,
-    /// Which reals and integers are known: parameters of the design, and what was prepared from them.
+    /// True for known reals and integers: parameters of the design, and values prepared from them.
     known_reals: Vec<bool>,
     known_integers: Vec<bool>,
 }
@@ -81,7 +81,7 @@ pub fn files(model: &Model) -> Result<Vec<SourceFile>, Invalid> {
     Ok(files)
 }
 
-/// Which values of the block are parameters that the unit was designed with.
+/// True for values of the block that are parameters of the design.
 fn known(variables: &Variables, size: usize, real: bool) -> Vec<bool> {
     let mut known = vec![false; size];
     let designed = variables.iter().filter(|v| v.is_real() == real && v.variability == Variability::Constant);
@@ -113,7 +113,7 @@ pub(crate) fn names(variables: &Variables, real: bool) -> Vec<String> {
 }
 
 impl<'a> Unit<'a> {
-    /// With all its parameters as variables.
+    /// Returns it with all its parameters as variables.
     fn tunable(model: &'a Model) -> Self {
         let (start, variables) = (model.start().clone(), model.variables());
         Unit {
@@ -128,7 +128,7 @@ impl<'a> Unit<'a> {
         }
     }
 
-    /// With the parameters of its design as constants.
+    /// Returns it with the parameters of its design as constants.
     fn designed(model: &'a Model) -> Result<Self, Invalid> {
         let mut unit = Unit::tunable(model);
         model.prepare(&mut unit.start, &mut MessageLog::new())?;
@@ -156,7 +156,7 @@ impl<'a> Unit<'a> {
         self.categories.iter().position(|known| *known == name).unwrap_or_default()
     }
 
-    /// What was computed, or given, when the unit was designed.
+    /// A value that was computed or given at design time.
     fn known(&self, leaf: Leaf) -> Option<f64> {
         match leaf {
             Leaf::Real(place) => self.known_reals[place as usize].then(|| self.start.reals[place as usize]),
@@ -172,7 +172,7 @@ impl<'a> Unit<'a> {
         Recording::of_known(self.model.system(), method, &layout, &|leaf| self.known(leaf))
     }
 
-    /// What a method makes of values of some sections, where that is anything.
+    /// Values of some sections that a method changes.
     fn changed(&self, recording: &Recording, sections: &[Section]) -> Vec<Target> {
         let variables = self.model.variables();
         let is_same = |node: Node, leaf: Leaf| match recording.tape.operation(node) {

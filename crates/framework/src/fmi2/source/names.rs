@@ -25,7 +25,7 @@ pub struct Names {
 }
 
 impl Names {
-    /// Names beside these.
+    /// Names that differ from these words.
     pub fn beside(words: &[&str]) -> Self {
         Names { taken: words.iter().map(|word| (*word).to_owned()).collect() }
     }

@@ -50,8 +50,8 @@ pub fn write(unit: &Unit) -> String {
     }
 }
 
-/// The pattern of the elimination, where that is worth it: in which order it takes rows and columns, and the places in each
-/// row that fill in beside the diagonal, with where a row's begin and where those right of the diagonal do.
+/// The pattern of the elimination, if it is worth it: the order of rows and columns, the places in each row that fill
+/// in off the diagonal, the begin of each row's places, and the begin of those right of the diagonal.
 fn elimination(model: &Model) -> String {
     let Some(pattern) = model.sparsity().pattern() else { return String::new() };
     let (mut begin, mut right_begin, mut filled) = (vec![0], Vec::new(), Vec::<u32>::new());
@@ -85,7 +85,7 @@ pub fn list(declaration: &str, entries: impl Iterator<Item = String>) -> String 
     text + "\n};\n\n"
 }
 
-/// As the runtime names what may be done with a value.
+/// The runtime's name for the use of a value.
 fn access(access: Access) -> &'static str {
     match access {
         Access::Hidden => "ACCESS_HIDDEN",
