@@ -1,11 +1,11 @@
-//! Which method integrates, and the eigenvalue that decided it: what a unit tells in its log where that is asked for.
+//! The present integration method and the eigenvalue that decided it, which an FMU logs on request.
 
 use std::fmt;
 
 use super::stability::Mode;
 use crate::report::number;
 
-/// What integrates.
+/// Integration methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Integrates {
     /// The system's own step.
@@ -30,16 +30,16 @@ impl Integrates {
 /// A choice between methods.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chosen {
-    /// What integrates.
+    /// Method in force.
     pub by: Integrates,
     /// True if a user asked for it.
     pub is_asked_for: bool,
     /// The mode that holds the explicit method to the shortest substeps that stability asks for, and these, s; none where no
     /// mode does, or none was looked at.
     pub holds: Option<(Mode, f64)>,
-    /// From which time on, s.
+    /// Start of its use, s.
     pub from: f64,
-    /// True if no further change is told.
+    /// True if no further change is reported.
     pub is_last: bool,
 }
 
@@ -72,14 +72,14 @@ impl fmt::Display for Chosen {
     }
 }
 
-/// So many changes between general methods are told: some systems change for ever.
+/// Largest number of reported changes between general methods: some systems change for ever.
 const MOST_CHANGES: u32 = 5;
 
-/// The choices so far, and the one that nobody was told of.
+/// Choices so far, and the one that wasn't reported yet.
 #[derive(Debug, Default)]
 pub(super) struct Choices {
     seen: [bool; Integrates::COUNT],
-    /// The general method in force, and the one that was told last.
+    /// General method in force, and the one reported last.
     general: Option<Integrates>,
     told: Option<Integrates>,
     changes: u32,

@@ -3,10 +3,10 @@
 //! It is DOP853: the method of Prince and Dormand with the error estimates of order 5 and 3 of Hairer, Nørsett and Wanner,
 //! Solving Ordinary Differential Equations I, 2nd ed. (Springer 1993), II.5 and II.10.
 //!
-//! Where a rate has a kink, the difference from the solution of order 5 is nothing at some places of the kink in a substep. So
-//! another one counts as well, which sees these: the fifth divided difference of the derivatives at six of the stages,
-//! nothing for rates of degree 4 either. With both, no place of a kink hides an error of more than six times what is
-//! estimated (a test counts; 6 of 100 hid more than ten times with the first alone).
+//! If a rate has a kink, the difference from the solution of order 5 is zero for some places of the kink in a substep.
+//! So another estimate counts as well, which sees these: the fifth divided difference of the derivatives at six of the
+//! stages, zero for rates of degree 4 either. With both, no place of a kink hides an error of more than six times the
+//! estimate (a test counts; with the first only, 6 of 100 hid more than ten times).
 //!
 //! A substep takes nearly twice the evaluations of one of order 5. It is stable for six times the magnitude on the imaginary
 //! axis (λh up to 5.96 against 0.99), and for twice that of real modes. So it pays where several substeps lie between
@@ -19,10 +19,10 @@ use super::dormand_prince::sum;
 use super::{OneStepMethod, Problem, Start, Tolerance};
 use crate::system::ErrorEstimate;
 
-/// Derivatives that are kept: of stage 1, and of 4 to 12. Those of stages 2 and 3 are soon needed no more.
+/// Number of stored derivatives: those of stages 1 and 4 to 12. Those of stages 2 and 3 are soon needed no more.
 const KEPT: usize = 10;
 
-/// Where stages 2 to 12 stand, in parts of the step.
+/// Nodes of stages 2 to 12, in parts of the step.
 const NODES: [f64; 11] = [
     0.05260015195876773,
     0.0789002279381516,
@@ -39,20 +39,20 @@ const NODES: [f64; 11] = [
 
 /// Weights of stage 1 in stage 2.
 const A2: [f64; 1] = [0.05260015195876773];
-/// Of stages 1 and 2 in stage 3.
+/// Weights of stages 1 and 2 in stage 3.
 const A3: [f64; 2] = [0.0197250569845379, 0.0591751709536137];
-/// Of stages 1 and 3 in stage 4.
+/// Weights of stages 1 and 3 in stage 4.
 const A4: [f64; 2] = [0.02958758547680685, 0.08876275643042054];
-/// Of stages 1, 3 and 4 in stage 5.
+/// Weights of stages 1, 3 and 4 in stage 5.
 const A5: [f64; 3] = [0.2413651341592667, -0.8845494793282861, 0.924834003261792];
-/// Of stages 1, 4 and 5 in stage 6.
+/// Weights of stages 1, 4 and 5 in stage 6.
 const A6: [f64; 3] = [1.0 / 27.0, 0.17082860872947386, 0.12546768756682242];
-/// Of stage 1 and those from 4 on in stage 7.
+/// Weights of stage 1 and those from 4 on in stage 7.
 const A7: [f64; 4] = [0.037109375, 0.17025221101954405, 0.06021653898045596, -0.017578125];
-/// In stage 8.
+/// Weights in stage 8.
 const A8: [f64; 5] =
     [0.03709200011850479, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402, 0.008273789163814023];
-/// In stage 9.
+/// Weights in stage 9.
 const A9: [f64; 6] = [
     0.6241109587160757,
     -3.3608926294469414,
@@ -61,7 +61,7 @@ const A9: [f64; 6] = [
     20.154067550477894,
     -43.48988418106996,
 ];
-/// In stage 10.
+/// Weights in stage 10.
 const A10: [f64; 7] = [
     0.47766253643826434,
     -2.4881146199716677,
@@ -71,7 +71,7 @@ const A10: [f64; 7] = [
     -33.28821096898486,
     -0.020331201708508627,
 ];
-/// In stage 11.
+/// Weights in stage 11.
 const A11: [f64; 8] = [
     -0.9371424300859873,
     5.186372428844064,
@@ -82,7 +82,7 @@ const A11: [f64; 8] = [
     2.4936055526796523,
     -3.0467644718982196,
 ];
-/// In stage 12.
+/// Weights in stage 12.
 const A12: [f64; 9] = [
     2.273310147516538,
     -10.53449546673725,
@@ -94,7 +94,7 @@ const A12: [f64; 9] = [
     12.360567175794303,
     0.6433927460157636,
 ];
-/// In the solution.
+/// Weights in the solution.
 const B: [f64; KEPT] = [
     0.054293734116568765,
     0.0,
@@ -107,7 +107,7 @@ const B: [f64; KEPT] = [
     0.20136540080403034,
     0.04471061572777259,
 ];
-/// In the difference from the solution of order 5.
+/// Weights in the difference from the solution of order 5.
 const E5: [f64; KEPT] = [
     0.01312004499419488,
     0.0,
@@ -120,7 +120,7 @@ const E5: [f64; KEPT] = [
     0.08192320648511571,
     -0.022355307863886294,
 ];
-/// In the difference from the solution of order 3.
+/// Weights in the difference from the solution of order 3.
 const E3: [f64; KEPT] = [
     -0.18980075407240762,
     0.0,
@@ -147,18 +147,18 @@ const DIVIDED: [f64; KEPT] = [
     UNIT * 910.0 / 27.0,
 ];
 const UNIT: f64 = 7e-4;
-/// How much the difference from order 3 counts beside that from order 5.
+/// Factor on the difference from order 3, compared with that from order 5.
 const PART_OF_3: f64 = 0.1;
 
 /// The error of order 8 for one that is seen by order 5 and another by order 3.
 fn combined(of_5: f64, of_3: f64) -> f64 {
-    // Squares of the quotient alone: those of errors may be too small for numbers.
+    // Squares the quotient only: squares of errors may be too small for numbers.
     let quotient = PART_OF_3 * of_3 / of_5;
     if of_5 == 0.0 { 0.0 } else { of_5 / (1.0 + quotient * quotient).sqrt() }
 }
 
-/// What one substep multiplies the solution of x' = λ x by, for z = λh: up to order 8 the terms of the exponential
-/// function, beyond them those that follow from the weights.
+/// Factor by which one substep multiplies the solution of x' = λ x, for z = λh: up to order 8 the terms of the
+/// exponential function, beyond them those that follow from the weights.
 pub fn stability(z: Complex<f64>) -> Complex<f64> {
     let coefficients = [
         3.613324578128244e-10,
@@ -250,7 +250,7 @@ impl OneStepMethod for Dop853 {
 mod tests {
     use super::*;
 
-    /// Nodes of the stages that are kept.
+    /// Nodes of the stages whose derivatives are stored.
     fn nodes() -> [f64; KEPT] {
         let mut nodes = [0.0; KEPT];
         nodes[1..].copy_from_slice(&NODES[2..]);

@@ -28,12 +28,12 @@ const MIDDLE: [f64; STAGES] = [
     -1776094331.0 / 39487288512.0,
     11237099.0 / 470086768.0,
 ];
-/// Below this scaled error there is nothing to look for: what a kink hides is tolerated too.
+/// Scaled error below which kinks are not looked for: what a kink hides is tolerated too.
 const CLOSE: f64 = 1e-3;
 /// The disagreement with Simpson's rule is about so many times the error of a step with a kink.
 const DISAGREEMENT: f64 = 2.0;
 
-/// What one substep multiplies the solution of x' = λ x by, for z = λh.
+/// Factor by which one substep multiplies the solution of x' = λ x, for z = λh.
 pub fn stability(z: Complex<f64>) -> Complex<f64> {
     let coefficients = [1.0 / 600.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
     coefficients.iter().fold(Complex::new(0.0, 0.0), |sum, &coefficient| sum * z + coefficient)
@@ -44,7 +44,7 @@ pub fn stability(z: Complex<f64>) -> Complex<f64> {
 pub struct DormandPrince {
     /// Derivatives at the stages, one row a state: what is summed lies together.
     k: Vec<[f64; STAGES]>,
-    /// What an evaluation writes, as it is at a step's end.
+    /// Values of an evaluation at a step's end.
     end: Vec<f64>,
     errors: Vec<f64>,
 }
@@ -68,7 +68,7 @@ impl DormandPrince {
         problem.evaluate(start.time + c * h);
     }
 
-    /// The error as Simpson's rule tells it, right after the last stage, and the state that has it.
+    /// Error according to Simpson's rule, right after the last stage, and the state that has it.
     fn against_simpson(&mut self, problem: &mut Problem, start: &Start, h: f64, tolerance: Tolerance) -> (f64, usize) {
         let evaluated = evaluated(problem.variables);
         self.end.copy_from_slice(&problem.reals[evaluated.clone()]);

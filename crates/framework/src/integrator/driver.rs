@@ -18,9 +18,9 @@ const SHRINK: f64 = 0.2;
 const GROW: f64 = 5.0;
 /// A substep that would leave less than this part of the way is stretched to the end.
 const STRETCH: f64 = 1.001;
-/// What grows by e to this within a communication step, and keeps it from being finished, escapes.
+/// Growth within a communication step from which a mode that keeps the step from being finished counts as escaping.
 const ESCAPES: f64 = 1e6;
-/// How often the shortest step is doubled in the search for where the equations cease to hold.
+/// Number of doublings of the shortest step in the search for the place where the equations cease to hold.
 const LOOK_AHEAD: i32 = 12;
 /// Shorter substeps can't be halved: their lengths are subnormal numbers.
 pub(super) const SHORTEST: f64 = f64::MIN_POSITIVE;
@@ -72,12 +72,12 @@ impl Driver {
         self.methods.take_kernel(kernel);
     }
 
-    /// Which method integrates now, where that has changed since it was asked last.
+    /// The present integration method, if it has changed since the last call.
     pub fn news(&mut self) -> Option<Chosen> {
         self.methods.news()
     }
 
-    /// Begins anew to tell which method integrates.
+    /// Restarts the reports of the integration method.
     pub fn forget_choices(&mut self) {
         self.methods.forget_choices();
     }
@@ -177,7 +177,7 @@ impl Driver {
         Ok(())
     }
 
-    /// Why a step of this length comes no further than t with so many events and substeps.
+    /// Reason why a step of this length reaches only `time` with so many events and substeps.
     fn overworked(
         &self,
         problem: &mut Problem,
@@ -215,7 +215,7 @@ impl Driver {
             let suggested = self.methods.suggested(pace);
             if estimate.scaled <= 1.0 {
                 let whole = h == way;
-                // A substep that was cut short says nothing about how long the next may be, unless it was the limit.
+                // The length of a substep that was cut short is no limit for the next, unless it was the limit itself.
                 if suggested == 0.0 || h >= suggested {
                     self.methods.suggest(h * growth(estimate.scaled, estimate.order), pace);
                 }
@@ -227,7 +227,7 @@ impl Driver {
             }
             h *= if estimate.scaled.is_finite() { growth(estimate.scaled, estimate.order).min(SAFETY) } else { SHRINK };
             if self.own_step_ends(problem, *t, (h, settings.relative_tolerance), estimate.scaled) {
-                // One that is impossible says nothing about how long the next may be.
+                // An impossible substep gives no length for the next.
                 if estimate.scaled.is_finite() {
                     pace.own_substep = h;
                 }
@@ -254,7 +254,7 @@ impl Driver {
         if h * STRETCH < way { h } else { way }
     }
 
-    /// As [`Driver::attempt`], with the error of what a user reads in it.
+    /// Attempts a substep, as [`Driver::attempt`]; the error includes that of outputs.
     fn controlled(
         &mut self,
         problem: &mut Problem,
@@ -309,8 +309,8 @@ impl Driver {
         Ok(())
     }
 
-    /// True if the system's own step is impossible after an attempt, or no longer pays for the length h that is left. The
-    /// problem then stands at the substep's start.
+    /// True if the system's own step is impossible after an attempt, or no longer pays for the length h that is left.
+    /// The problem is then at the substep's start.
     fn own_step_ends(&self, problem: &mut Problem, t: f64, (h, relative_tolerance): (f64, f64), error: f64) -> bool {
         if !self.methods.by_itself() {
             return false;

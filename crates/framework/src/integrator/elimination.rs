@@ -1,26 +1,26 @@
-//! Linear equations of the stiff method by an elimination whose pattern is fixed when the unit is made.
+//! Linear equations of the stiff method by an elimination whose pattern is fixed when the model is built.
 //!
-//! Rows and columns are exchanged once, such that little fills in, and not again: pivots stay on the diagonal. The matrix
-//! is I/(γh) − J, whose diagonal is there whatever J is; where a pivot comes out of the difference of large numbers all the
-//! same, the elimination says so, and one with pivoting takes its place.
+//! Rows and columns are exchanged once, such that little fills in, and not again: pivots stay on the diagonal. The
+//! matrix is I/(γh) − J, whose diagonal is nonzero whatever J is. If a pivot is nevertheless the difference of large
+//! numbers, the elimination reports it, and one with pivoting takes its place.
 
 use std::sync::Arc;
 
 use super::sparsity::Sparsity;
 
-/// Where more than this part of the entries is there, nothing is gained.
+/// Part of the entries above which a sparse elimination gains nothing.
 const DENSE: f64 = 0.5;
-/// A pivot may be this part of the numbers that it is the sum of, and what the diagonal held this part of the pivot's sum:
-/// so many digits may be lost, and what is lost is 1e-9 of what the matrix held.
+/// Smallest ratio of a pivot, and of the matrix's entry there, to the sum of the magnitudes in the pivot: seven digits
+/// may be lost, and the loss is 1e-9 of the matrix's entry.
 pub const LOST: f64 = 1e-7;
 
-/// Where a decomposition has entries, and in which order it goes: the same for all instances of a unit.
+/// Entries of a decomposition and their order: the same for all instances of an FMU.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Pattern {
-    /// Which row and column comes when, and the inverse of that.
+    /// Order of rows and columns, and the inverse of that.
     order: Vec<u32>,
     places: Vec<u32>,
-    /// Of each row: its places left of the diagonal, and right of it.
+    /// Places of each row left of the diagonal, and right of it.
     left: Vec<Vec<u32>>,
     right: Vec<Vec<u32>>,
 }
@@ -29,7 +29,7 @@ pub struct Pattern {
 #[derive(Debug)]
 pub struct Elimination {
     sparsity: Arc<Sparsity>,
-    /// By rows; empty until it is needed, in memory that is there from the begin.
+    /// Entries by rows; empty until it is needed, in memory that exists from the start.
     a: Vec<f64>,
     /// The inverse pivots.
     inverse: Vec<f64>,
@@ -37,7 +37,7 @@ pub struct Elimination {
 }
 
 impl Pattern {
-    /// For the entries of a Jacobian, by columns; nothing where it fills in too much to be worth it.
+    /// Pattern for the entries of a Jacobian, by columns; none if it fills in too much to be worth it.
     pub fn new(columns: &[Vec<u32>]) -> Option<Self> {
         let n = columns.len();
         let most = (DENSE * (n * n) as f64) as usize;
@@ -61,24 +61,24 @@ impl Pattern {
         (filled + n <= most).then_some(Pattern { order, places, left, right })
     }
 
-    /// Which row and column comes when.
+    /// Order of rows and columns.
     pub fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// Where a row or column stands in that order.
+    /// Place of a row or column in that order.
     pub fn place(&self, row: usize) -> usize {
         self.places[row] as usize
     }
 
-    /// Of each row: its places left of the diagonal, and right of it.
+    /// Places of each row left of the diagonal, and right of it.
     pub fn rows(&self) -> impl Iterator<Item = (&[u32], &[u32])> {
         self.left.iter().zip(&self.right).map(|(left, right)| (&left[..], &right[..]))
     }
 }
 
 impl Elimination {
-    /// For a unit's Jacobian, where its pattern is worth it.
+    /// Elimination for a model's Jacobian, if its pattern is worth it.
     pub fn new(sparsity: &Arc<Sparsity>) -> Option<Self> {
         let n = sparsity.columns().len();
         sparsity.pattern().is_some().then(|| Elimination {
@@ -144,9 +144,9 @@ impl Elimination {
     }
 }
 
-/// Which rows and columns meet, in the pattern or its transpose: a set of bits a row.
+/// Rows and columns that meet in the pattern or its transpose: a set of bits per row.
 struct Meetings {
-    /// How many words a set takes.
+    /// Number of words in a set.
     words: usize,
     bits: Vec<u64>,
 }
@@ -174,12 +174,12 @@ impl Meetings {
         members(&self.bits[row * self.words..][..self.words])
     }
 
-    /// How many of them there are.
+    /// Number of entries.
     fn entries(&self) -> usize {
         self.bits.iter().map(|word| word.count_ones() as usize).sum()
     }
 
-    /// How many of a row's are in a set.
+    /// Number of a row's entries in a set.
     fn degree(&self, row: usize, set: &[u64]) -> u32 {
         let own = &self.bits[row * self.words..][..self.words];
         own.iter().zip(set).map(|(own, set)| (own & set).count_ones()).sum()
@@ -220,7 +220,7 @@ mod tests {
     use super::*;
     use crate::integrator::lu::Lu;
 
-    /// A pattern with so many entries beside the diagonal a column, and a matrix over it, by a small generator.
+    /// A pattern with this number of entries off the diagonal per column, and a matrix over it, by a small generator.
     fn random(n: usize, entries: usize, seed: u64) -> (Arc<Sparsity>, Vec<f64>) {
         let mut state = seed;
         let mut next = || {

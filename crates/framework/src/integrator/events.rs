@@ -24,18 +24,18 @@ pub(super) struct EventCount {
     limit: usize,
     count: usize,
     last: f64,
-    /// How many time events the step has had, and how many events.
+    /// Numbers of time events and of all events in the step.
     clock: f64,
     total: usize,
 }
 
 impl EventCount {
-    /// For the step from t0 to t1.
+    /// Counter for the step from t0 to t1.
     pub fn new((t0, t1): (f64, f64), settings: &Settings) -> Self {
         EventCount::near(t0, settings.event_slack * (t1 - t0), settings)
     }
 
-    /// For the events at t, and time events that lie at most so far behind it.
+    /// Counter for the events at t, and for time events at most `slack` after it.
     pub fn near(t: f64, slack: f64, settings: &Settings) -> Self {
         EventCount { slack, limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
     }
@@ -48,12 +48,13 @@ impl EventCount {
         if self.count > self.limit { Err(StepError::TooManyEvents { events: self.limit, time: t }) } else { Ok(()) }
     }
 
-    /// How many there were.
+    /// Number of events.
     pub fn total(&self) -> usize {
         self.total
     }
 
-    /// How far behind the end of the step a time event is taken there: a part of the time between two of them.
+    /// Largest distance behind the step's end of a time event that is handled there: a part of the time between two of
+    /// them.
     pub fn slack(&self) -> f64 {
         self.slack / (self.clock + 1.0)
     }
@@ -64,7 +65,7 @@ impl EventCount {
     }
 }
 
-/// Where events are looked for.
+/// Detection of events.
 impl Driver {
     /// True if nothing moves between time events: there are no states, and no indicators.
     pub(super) fn is_at_rest(&self) -> bool {
@@ -111,7 +112,7 @@ impl Driver {
             let due = events.time_event_due(problem, t, t1);
             events.another(t, due)?;
             self.work += self.methods.evaluation();
-            // Where rounding has the step end a little before a time event, the system is told the event's own time.
+            // If rounding has the step end a little before a time event, the system gets the event's own time.
             let time = if due { t.max(problem.next_time_event()) } else { t };
             self.start.set(problem, t);
             self.indicators.keep_discrete(problem);
@@ -152,7 +153,7 @@ impl Driver {
         self.indicators.any_left(&self.indicators.after) || problem.next_time_event() <= t + rounding(t)
     }
 
-    /// What is known of the event indicators. It lies in the instance's block between calls.
+    /// State of the event indicators, stored in the instance's block between calls.
     pub fn indicators(&self) -> &[f64] {
         &self.indicators.kept
     }
@@ -162,7 +163,7 @@ impl Driver {
         self.indicators.kept.copy_from_slice(kept);
     }
 
-    /// How many numbers are known of so many event indicators.
+    /// Length of that state for a number of event indicators.
     pub const fn kept_of(indicators: usize) -> usize {
         Indicators::kept(indicators)
     }
@@ -177,9 +178,9 @@ impl Driver {
         self.events_at(problem, (t, 0.0), settings).map(|_| ())
     }
 
-    /// An indicator that stands at exactly zero has the side to which it leaves: found by a step of rounding's length
-    /// towards t1, or, where that is lost in the indicator's own rounding, along the tangent. The problem is evaluated at
-    /// t, before and after.
+    /// Finds the side to which an indicator at exactly zero leaves: by a step of rounding's length towards t1 or, if
+    /// that is lost in the indicator's own rounding, along the tangent. The problem is evaluated at t, before and
+    /// after.
     pub fn sides_of_zeros(&mut self, problem: &mut Problem, t: f64, t1: f64, settings: &Settings) {
         if !self.indicators.sides().contains(&0.0) {
             return;
@@ -232,8 +233,8 @@ impl Driver {
         if moved && jumped { self.turned_back(problem, t) } else { Ok(()) }
     }
 
-    /// Which indicators that crossed were turned back by the states that have jumped: the motion would have gone on
-    /// with the states that the event met, and goes back with those that it left.
+    /// Finds the crossed indicators that were turned back by a jump of states: the motion would have gone on with the
+    /// states before the event, and goes back with those after it.
     fn turned_back(&mut self, problem: &mut Problem, t: f64) -> Result<(), StepError> {
         let length = self.tangent(problem);
         if length == 0.0 || !length.is_finite() {
@@ -261,9 +262,9 @@ impl Driver {
         if any_stopped { self.stay_stopped(problem, t, length) } else { Ok(()) }
     }
 
-    /// What holds indicators that an event has stopped: an error where they go on through for a while h all the same.
-    /// Where nothing moves them now, but no equation reads what the event has set either, they count as on the side from
-    /// which they came: pushed through later, they have another event.
+    /// Checks the indicators that an event has stopped; an error if they go through within h nevertheless. If nothing
+    /// moves them now, but no equation reads what the event has set either, they count as on the side from which they
+    /// came: pushed through later, they have another event.
     fn stay_stopped(&mut self, problem: &mut Problem, t: f64, h: f64) -> Result<(), StepError> {
         self.start.set(problem, t);
         self.try_explicitly(problem, h, Settings::default().relative_tolerance);
@@ -353,14 +354,14 @@ impl Driver {
             bisect = high - low > 0.5 * gap;
         }
         self.attempt(problem, high, settings, pace);
-        // The indicators at the bracket's end are those that stand in `after`.
+        // The indicators at the bracket's end are in `after`.
         self.indicators.note_crossed();
         *t = self.start.time + high;
         Ok(true)
     }
 
-    /// Looks for an indicator that has left its side within the substep that was just accepted, and is back on it at the
-    /// end; a length within which it leaves. Where there is none, the problem stands at the end, as it did.
+    /// Looks for an indicator that has left its side within the substep that was just accepted, and is back on it at
+    /// the end; returns a length within which it leaves. If there is none, the problem is again at the end.
     fn within(&mut self, problem: &mut Problem, end: f64, settings: &Settings, pace: &mut Pace) -> Option<f64> {
         let h = end - self.start.time;
         if !self.indicators.may_leave(h) {

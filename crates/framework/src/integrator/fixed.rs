@@ -9,13 +9,14 @@
 //!
 //! in this order of operations, and the equations are then evaluated at its end. So a substep takes four evaluations.
 //!
-//! Events change nothing of that. What is due at t0, or was brought about by values that were set, is handled there before
-//! the first substep. Everything else is handled at the end of the substep in which it falls due or in which an indicator
-//! has changed sides, all of it, one after the other: first the indicators with the first time event that is due, then each
-//! further time event. A time event is due at an end that lies at most 1e-6 h before it (of the second and later ones at that
-//! end a half, a third, …), and the system is told the later of both times. An indicator that changes sides twice within a
-//! substep has no event. Contacts are judged as with the other methods, and so are indicators that stand at zero where a
-//! communication step begins or an event was: that may take a substep of the explicit method beside the n.
+//! Events don't change these formulas. Events that are due at t0, or caused by values that were set, are handled there
+//! before the first substep. All others are handled at the end of the substep in which they fall due or in which an
+//! indicator has changed sides, one after the other: first the indicators with the first time event that is due, then
+//! each further time event. A time event is due at an end that is at most 1e-6 h before it (of the second and later
+//! ones at that end a half, a third, …), and the system gets the later of both times. An indicator that changes sides
+//! twice within a substep has no event. Contacts are judged as with the other methods, and so are indicators at zero
+//! when a communication step begins or an event was: that may take a substep of the explicit method in addition to the
+//! n.
 
 use super::driver::{Driver, check_divergence};
 use super::events::EventCount;

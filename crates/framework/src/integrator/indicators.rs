@@ -1,37 +1,37 @@
-//! Event indicators: on which sides they are, when they leave them, and how often.
+//! Event indicators: their sides, when they leave them, and how often.
 //!
-//! An event lies just behind a zero of its indicator. How far beyond is kept as the indicator's *overshoot*, where the
-//! event turned the motion back: until it has come back to its side, only what is deeper counts as another crossing.
+//! An event is just behind a zero of its indicator. If it turned the motion back, its distance is stored as the
+//! indicator's *overshoot*: until the indicator is back on its side, only a deeper value counts as another crossing.
 
 use std::ops::Range;
 
 use super::{Problem, Start};
 use crate::system::{Section, Variables};
 
-/// How exactly a master's times and the solution tell when an event is, relative to the time.
+/// Precision of an event's time, from a master's times and the solution, relative to the time.
 const EVENT_PRECISION: f64 = 1e-11;
-/// So many events of one indicator may follow each other within the rounding of time.
+/// Largest number of events of one indicator within the rounding of time.
 pub(super) const MOST_CLOSE: f64 = 100.0;
 /// An event that leaves less than this part of an indicator's rate has stopped it.
 const STOPPED: f64 = 1e-6;
 /// An indicator is looked at within a substep where its bow could be this many times as large as estimated and reach zero.
 const CAUTION: f64 = 4.0;
 
-/// What is known of the event indicators.
+/// State of the event indicators.
 pub(super) struct Indicators {
-    /// Of each: the value where it was last known (its sign is the side), its overshoot, the time of its last event,
-    /// how many of its events were close together, and how many there were. One of these after the other, all in the
-    /// instance's block between calls.
+    /// Five vectors over the indicators, one after the other: the last known value (its sign is the side), the
+    /// overshoot, the time of the last event, the number of events close together, and the number of all events. They
+    /// are in the instance's block between calls.
     pub kept: Vec<f64>,
     /// Values where a substep ends, and between.
     pub after: Vec<f64>,
     pub between: Vec<f64>,
-    /// Which changed sides at the event that is being handled, and the sides where they were.
+    /// True for those that changed sides at the present event; and the sides where they were.
     pub crossed: Vec<bool>,
     pub came_from: Vec<f64>,
-    /// Which of them never came back to their sides from the event before.
+    /// True for crossed ones that never came back to their sides after the event before.
     pub never_back: Vec<bool>,
-    /// Which ones an event left as they were, or put to zero.
+    /// True for those that an event left as they were, or put to zero.
     pub untouched: Vec<bool>,
     /// Changes along the tangents of the motion that an event met and of the one that it left.
     pub approach: Vec<f64>,
@@ -52,7 +52,7 @@ pub(super) struct Indicators {
 impl Indicators {
     const KEPT: usize = 5;
 
-    /// How many numbers are kept of so many indicators.
+    /// Length of the stored state.
     pub const fn kept(indicators: usize) -> usize {
         Self::KEPT * indicators
     }
@@ -95,7 +95,7 @@ impl Indicators {
         self.of(1)
     }
 
-    /// A number that is kept of indicator i.
+    /// One stored number of indicator i.
     pub fn at(&mut self, which: usize, i: usize) -> &mut f64 {
         &mut self.kept[which * self.after.len() + i]
     }
@@ -137,15 +137,15 @@ impl Indicators {
         self.discrete_integers.copy_from_slice(&problem.integers[problem.variables.integers(Section::Discrete)]);
     }
 
-    /// Exchanges the problem's discrete values with those that were kept.
+    /// Exchanges the problem's discrete values with the stored ones.
     pub fn swap_discrete(&mut self, problem: &mut Problem) {
         self.discrete.swap_with_slice(&mut problem.reals[problem.variables.reals(Section::Discrete)]);
         let integers = problem.variables.integers(Section::Discrete);
         self.discrete_integers.swap_with_slice(&mut problem.integers[integers]);
     }
 
-    /// Has those that stand at zero on the sides where they are in `between`. As long as rounding keeps one at zero, it
-    /// has not come back there.
+    /// Puts indicators at zero on their sides in `between`. While rounding keeps one at zero, it has not come back
+    /// there.
     pub fn leave_zero(&mut self) {
         for i in 0..self.after.len() {
             let value = self.between[i];
@@ -188,7 +188,7 @@ impl Indicators {
     }
 }
 
-/// What became of an indicator's motion at an event that has changed states.
+/// Effect of an event that has changed states on an indicator's motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Outcome {
     TurnedBack,
@@ -197,7 +197,7 @@ pub(super) enum Outcome {
     Other,
 }
 
-/// Where motion leads within a substep.
+/// Motion of the indicators at an event and within a substep.
 impl Indicators {
     pub fn outcome(&self, i: usize) -> Outcome {
         let side = self.came_from[i];
@@ -221,8 +221,8 @@ impl Indicators {
         std::mem::swap(&mut self.after, &mut self.between);
     }
 
-    /// Where, as a part of the way, the first of the indicators that changed sign would be zero if it were linear; the
-    /// middle where one is still on its way back to its side.
+    /// Earliest zero of the indicators that changed sign, as a part of the way, if they were linear; the middle for one
+    /// that is still on its way back to its side.
     pub fn first_crossing(&self) -> f64 {
         let zero = |i: usize| {
             let (before, after) = (self.sides()[i], self.after[i]);
@@ -300,7 +300,7 @@ impl Indicators {
     }
 }
 
-/// How far t may lie before a time event that it is meant to be: a master rounds.
+/// Largest distance of t before a time event that it is meant to be: a master rounds.
 pub(super) fn rounding(t: f64) -> f64 {
     EVENT_PRECISION * t.abs()
 }

@@ -13,7 +13,7 @@ use crate::system::Variables;
 pub struct Jacobian {
     sparsity: Arc<Sparsity>,
     registers: Registers,
-    /// What is there of ∂f/∂x, column by column.
+    /// Nonzero entries of ∂f/∂x, column by column.
     entries: Vec<f64>,
     /// ∂f/∂x, by columns; empty until it is needed, in memory that is there from the begin.
     by_states: Vec<f64>,
@@ -53,7 +53,7 @@ impl Jacobian {
         &self.by_time
     }
 
-    /// What is there of ∂f/∂x, column by column.
+    /// Nonzero entries of ∂f/∂x, column by column.
     pub fn entries(&self) -> &[f64] {
         &self.entries
     }
@@ -97,7 +97,7 @@ impl Jacobian {
         differentiator.carry_out(self.sparsity.columns(), leaf, &mut self.registers, results);
     }
 
-    /// How large ∂f/∂x is, with states in units of their nominal values: its largest sum of a row, 1/s.
+    /// Size of ∂f/∂x, with states in units of their nominal values: its largest sum of a row, 1/s.
     pub fn size(&mut self, nominals: &[f64]) -> f64 {
         self.sums.fill(0.0);
         for (place, entry) in self.sparsity.places().zip(&self.entries) {

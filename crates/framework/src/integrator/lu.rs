@@ -4,10 +4,10 @@
 #[derive(Debug)]
 pub struct Lu {
     size: usize,
-    /// By columns: first A; then U, and below its diagonal L, whose own diagonal is 1. Empty until it is needed, in memory
-    /// that is there from the begin.
+    /// Entries by columns: first A; then U, and below its diagonal L, whose own diagonal is 1. Empty until it is
+    /// needed, in memory that exists from the start.
     a: Vec<f64>,
-    /// Which row was exchanged with row k.
+    /// Row that was exchanged with row k.
     pivots: Vec<usize>,
 }
 

@@ -18,14 +18,14 @@ use crate::system::{Choice, DynSystem, Variables};
 const MOST_STATES: usize = 2000;
 /// A substep above this part of what stability allows counts as limited by it.
 const LIMITED: f64 = 0.5;
-/// How many more substeps must speak for the explicit method than against it before it is taken.
+/// Surplus of substeps in favour of the explicit method at which it is taken.
 const EVIDENCE: i32 = 15;
 /// Evidence isn't counted beyond this, where the method is one that was asked for.
 pub const MOST_EVIDENCE: i32 = 1_000_000_000;
-/// After a change back to the explicit method, the next trial takes so many times the evidence more.
+/// Factor on the evidence for the next trial after a change back to the explicit method.
 const PATIENCE: i32 = 4;
 
-/// Which general method integrates a system.
+/// General method that integrates a system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IntegrationMethod {
     /// The system's own step, where it has one; else the explicit one, and the stiff one while that takes less work.
@@ -72,7 +72,7 @@ impl IntegrationMethod {
     }
 }
 
-/// What a continuation goes on with. It lies in the instance's block between steps.
+/// Integration's state between steps, stored in the instance's block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pace {
     /// The substep to begin with, of a general method; 0 where none is known yet.
@@ -85,9 +85,9 @@ pub struct Pace {
     pub stiff: bool,
     /// Substeps that spoke for the other method, less those that didn't.
     pub evidence: i32,
-    /// What the eigenvalues allow.
+    /// Limits set by the eigenvalues.
     pub limits: Limits,
-    /// How large the Jacobian was when the stiff method looked at its eigenvalues, 1/s.
+    /// Size of the Jacobian at the stiff method's last look at its eigenvalues, 1/s.
     pub jacobian_size: f64,
     /// Work until the next look.
     pub until_look: f64,
@@ -97,13 +97,13 @@ pub struct Pace {
 
 /// The explicit method of order 8 is taken where it gets along with this part of the work of that of order 5.
 const PAYS: f64 = 0.8;
-/// Before it was tried, its substeps are taken to be so many times as long.
+/// Assumed length of its substeps before the first trial, in those of order 5.
 const TIMES_AS_LONG: f64 = 2.0;
-/// What error control suggests to one explicit method is expected of the other as well, and so much more each time; the two
-/// are at most so many times apart.
+/// Factor by which the length expected of the other explicit method grows with each suggestion, in addition to the
+/// change of the suggestion itself; the two lengths differ at most by the factor `APART`.
 const EXPECTED: f64 = 1.02;
 const APART: f64 = 8.0;
-/// How much longer the system's own step is expected to be in each communication step in which it isn't tried.
+/// Factor on the expected length of the system's own step for each communication step in which it isn't tried.
 const HOPE: f64 = 1.2;
 
 /// The methods for a system.
@@ -111,8 +111,8 @@ const HOPE: f64 = 1.2;
 /// A system's own step is taken where it pays, and given up for the rest of a communication step where it finds itself
 /// impossible, or would have to be so short that it doesn't pay.
 ///
-/// There are two explicit methods, of order 5 and 8, and any substep may go by either: the one that is expected to come to
-/// where it has to end with less work, by the substeps that error control and the eigenvalues allow each.
+/// There are two explicit methods, of order 5 and 8. Each substep uses the one that is expected to reach the end with
+/// less work, by the substeps that error control and the eigenvalues allow each.
 ///
 /// Between general methods the eigenvalues of the exact Jacobian choose, and work. A substep of an explicit method
 /// speaks for the stiff one where its stability limits it, for one mode or another that is damped, and the stiff method
@@ -125,7 +125,7 @@ pub struct Methods {
     stiff: Option<Box<Rosenbrock>>,
     own: Option<OwnStep>,
     watch: Option<Watch>,
-    /// What was chosen, for messages alone.
+    /// Choices so far, for messages only.
     choices: Choices,
     nominals: Vec<f64>,
     /// True if the system's own step is in force, and whether it was given up for the rest of a communication step.
@@ -135,12 +135,12 @@ pub struct Methods {
     /// True if an explicit substep goes by the method of order 8. Decided anew in each.
     by_order_8: bool,
     work: Work,
-    /// What looks at eigenvalues are weighed against.
+    /// Work of a typical system with this number of states, on which choices depend.
     typical: Work,
     /// Work of a stiff substep in explicit ones.
     relative_work: f64,
-    /// How many more substeps must speak for the stiff method than against it before it is tried: they take as long
-    /// as a trial that ends with the evidence for the explicit method.
+    /// Surplus of substeps in favour of the stiff method at which it is tried: they take as long as a trial that ends
+    /// with the evidence for the explicit method.
     trial: i32,
 }
 
@@ -212,12 +212,12 @@ impl Methods {
         self.choices.note(Chosen { by, is_asked_for, holds, from, is_last: false });
     }
 
-    /// The latest choice that nobody was told of.
+    /// The latest choice that wasn't reported yet.
     pub fn news(&mut self) -> Option<Chosen> {
         self.choices.take()
     }
 
-    /// Whoever is told begins anew.
+    /// Forgets all choices, so that reports restart.
     pub fn forget_choices(&mut self) {
         self.choices = Choices::default();
     }
@@ -271,7 +271,7 @@ impl Methods {
         if limit > 0.0 { limit.recip() } else { f64::INFINITY }
     }
 
-    /// What eigenvalues allow the explicit method in force.
+    /// Limits of the explicit method in force, from the eigenvalues.
     fn explicit_limits(&self, pace: &Pace) -> ExplicitLimits {
         if self.by_order_8 { pace.limits.order_8 } else { pace.limits.order_5 }
     }
@@ -363,7 +363,7 @@ impl Methods {
         Ok(self.work.jacobian + if looked { self.work.eigenvalues } else { 0.0 })
     }
 
-    /// Prepares a substep of the explicit method, which needs the Jacobian for its eigenvalues alone.
+    /// Prepares a substep of the explicit method, which needs the Jacobian for its eigenvalues only.
     fn begin_explicit(&mut self, problem: &Problem, start: &Start, way: f64, pace: &mut Pace) -> f64 {
         let (Some(watch), Some(stiff)) = (&mut self.watch, &mut self.stiff) else { return 0.0 };
         if !watch.is_due(pace) {

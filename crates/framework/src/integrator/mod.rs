@@ -17,8 +17,8 @@
 //! | ode_solvers 0.6 dopri5, size at run time | 1000 | 56 | 3.2e-11 |
 //! | diffsol 0.18 tsit45 | 280 | 0 | 3.1e-11 |
 //!
-//! With sizes at run time diffsol alone doesn't allocate. But its solver borrows the problem for life and isn't
-//! `Send`, so an instance couldn't own it, it counts failures over its life, and it brings 87 packages into every
+//! With sizes at run time, only diffsol doesn't allocate. But its solver borrows the problem permanently and isn't
+//! `Send`, so an instance couldn't own it; it never resets its count of failures, and it brings 87 packages into every
 //! FMU. Its implicit methods lose accuracy when restarted often (bdf: 4e-3 at 1 ms; esdirk34: more error at 1 ms than
 //! at 10 ms), and saving their state through the public interface changes the run that is saved.
 //!
@@ -35,17 +35,18 @@
 //! | diffsol 0.18 bdf | 2800 | 2.2 | 2.6e-9 |
 //! | diffsol 0.18 esdirk34 | 3200 | 0.1 | 1.3e-7 |
 //!
-//! So the methods are our own; each is one file behind [`OneStepMethod`], and `methods` chooses between them. Beside these
-//! stands one without error control, for targets (`fixed`).
+//! So the methods are our own; each is one file behind [`OneStepMethod`], and `methods` chooses between them. Another
+//! method has no error control, for targets (`fixed`).
 //!
 //! The choice between both looks at the eigenvalues of that Jacobian (`stability`): what grows is followed at its rate,
 //! by either method, and what is damped decides whether the explicit one pays.
 //!
-//! A system's own step is worth what it saves. That of L1 controllers, the closed form, is held to the tolerance in force. In FMPy
-//! (generic FMUs, 4 s of each loop at its default step, the best of five runs) the steps of all units take 1.7 times as long without
-//! it (`closed_form_phase` = 1e14) in 3.3.2-case1 and 1.6 times in 7.5.3-case1, the quadrotor's, 1.2 times in 3.2.1-cosine, and at most 1.08 times in ten other
-//! loops of L1 controllers. At ten times the step it saves at most 6 %. Errors are alike. Where estimates stay at a bound, what is
-//! linear in the closed form is not the law, and it is left to the general methods. `benches/adaptation` measures single steps.
+//! A system's own step is worth what it saves. That of L1 controllers, the closed form, meets the tolerance in force.
+//! In FMPy (generic FMUs, 4 s of each loop at its default step, the best of five runs) the steps of all FMUs take 1.7
+//! times as long without it (`closed_form_phase` = 1e14) in 3.3.2-case1 and 1.6 times in 7.5.3-case1, the quadrotor's,
+//! 1.2 times in 3.2.1-cosine, and at most 1.08 times in ten other loops of L1 controllers. At ten times the step it
+//! saves at most 6 %. Errors are alike. While estimates stay at a bound, the linear closed form is not the adaptive
+//! law, and the general methods integrate. `benches/adaptation` measures single steps.
 
 mod chosen;
 mod dop853;
@@ -86,18 +87,18 @@ use crate::system::{DynSystem, Equations, ErrorEstimate, MessageLog, Offsets, Po
 /// Work that one communication step may take by default, in elementary operations of about 1 ns.
 pub const WORK_LIMIT: f64 = 1e9;
 
-/// How a communication step is integrated.
+/// Settings of the integration of a communication step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Which method integrates.
+    /// Integration method.
     pub method: IntegrationMethod,
-    /// How many substeps a communication step has with [`IntegrationMethod::Fixed`].
+    /// Number of substeps in a communication step with [`IntegrationMethod::Fixed`].
     pub fixed_steps: i32,
     /// Error tolerated in each substep, relative to the larger of a state's magnitude and its nominal value.
     pub relative_tolerance: f64,
     /// Work that one communication step may take, in elementary operations.
     pub most_work: f64,
-    /// Events that may follow each other without time between them, as far as numbers can tell times apart.
+    /// Largest number of events in a row whose times can't be distinguished.
     pub max_events: usize,
     /// A value beyond this, in magnitude, is divergence.
     pub divergence_limit: f64,
@@ -130,7 +131,7 @@ pub struct Ramp<'a> {
     pub values: &'a [f64],
     /// Their rates.
     pub slopes: &'a [f64],
-    /// When the inputs have these values, s.
+    /// Time at which the inputs have these values, s.
     pub time: f64,
 }
 
@@ -144,13 +145,13 @@ pub struct Problem<'a> {
     pub reals: &'a mut [f64],
     /// Its integers.
     pub integers: &'a mut [i32],
-    /// How inputs change.
+    /// Change of the inputs.
     pub ramp: Ramp<'a>,
-    /// True if inputs are held: then they stay as they are.
+    /// True if inputs are constant (zero-order hold).
     pub held: bool,
     /// True if inputs change within the communication step, or since the one before.
     pub moved: bool,
-    /// Where messages go.
+    /// Destination of messages.
     pub log: &'a mut MessageLog,
     /// Its equations, compiled, where they were handed over.
     pub kernel: Option<&'a Kernel>,
@@ -249,7 +250,7 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// Where a substep begins: time, states and their derivatives.
+/// Start of a substep: time, states and their derivatives.
 #[derive(Debug, Clone, Default)]
 pub struct Start {
     /// Time, s.
@@ -270,7 +271,7 @@ impl Start {
     }
 }
 
-/// What error counts as 1.
+/// Unit of scaled errors.
 #[derive(Debug, Clone, Copy)]
 pub struct Tolerance<'a> {
     /// Relative tolerance.
@@ -309,8 +310,8 @@ pub trait OneStepMethod: Send {
         Ok(())
     }
 
-    /// Advances the states from `start` by h and evaluates the problem there; says how large the error is and which
-    /// state has it. The problem stands anywhere; what it holds is overwritten.
+    /// Advances the states from `start` by h and evaluates the problem there; returns the size of the error and the
+    /// state that has it. The problem may be at any point; its values are overwritten.
     fn attempt(&mut self, problem: &mut Problem, start: &Start, h: f64, tolerance: Tolerance)
     -> (ErrorEstimate, usize);
 

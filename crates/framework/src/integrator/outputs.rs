@@ -5,8 +5,8 @@ use std::ops::Range;
 use super::{Problem, Tolerance};
 use crate::system::{Section, Variables};
 
-/// Beyond this, an output multiplies what can't be told from rounding: the error of states is controlled there, that of
-/// the output isn't worth what it would take.
+/// Factor beyond which an output amplifies rounding: there the error of states is controlled, and that of the output
+/// isn't worth the effort.
 const MOST_AMPLIFIED: f64 = 1e4;
 /// An output's error in a substep may be this part of what is tolerated: an error of the control stays until the loop has
 /// answered it, and those of many substeps add up.
@@ -81,7 +81,7 @@ impl Outputs {
         for (&(place, output, nominal), before) in self.places.iter().zip(&self.before) {
             let far = self.saved[place].abs() / FAR;
             let magnitude = nominal.max(before.abs()).max(self.saved[output].abs()).max(far);
-            // Where the other solution gives no number, its distance tells nothing.
+            // If the other solution is no number, the distance to it means nothing.
             worst = worst.max((values[place] - self.saved[place]).abs() / (PART * tolerance.relative * magnitude));
         }
         problem.states().copy_from_slice(&self.states);

@@ -14,7 +14,7 @@ pub struct OwnStep {
 }
 
 impl OwnStep {
-    /// For a system that steps itself.
+    /// Storage for a system that steps itself.
     pub fn new(own: &dyn system::OwnStep, variables: &Variables) -> Self {
         OwnStep {
             workspace: vec![0.0; own.workspace()],

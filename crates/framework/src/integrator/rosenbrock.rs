@@ -66,10 +66,10 @@ const C8: [f64; 7] = [
 
 /// A correction after the last one may be so large a part of it; else the Jacobian isn't what it was at the start.
 const LEFT_OVER: f64 = 0.5;
-/// Below this part of a state's magnitude, corrections can't be told from rounding.
+/// Part of a state's magnitude below which a correction may be rounding.
 const ROUNDING: f64 = 1e-13;
 
-/// What one substep multiplies the solution of x' = λ x by, for z = λh: the stages on that equation.
+/// Factor by which one substep multiplies the solution of x' = λ x, for z = λh: the stages on that equation.
 pub fn stability(z: Complex<f64>) -> Complex<f64> {
     let a: [&[f64]; STAGES - 2] = [&[], &A2, &A3, &A4, &A5, &A6];
     let c: [&[f64]; STAGES] = [&[], &C2, &C3, &C4, &C5, &C6, &C7, &C8];
@@ -86,14 +86,14 @@ pub fn stability(z: Complex<f64>) -> Complex<f64> {
     x + u[STAGES - 1]
 }
 
-/// Which decomposition is in force.
+/// Kind of the decomposition in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Decomposed {
     /// Over the pattern of the Jacobian.
     ByPattern,
     /// The same, compiled.
     ByKernel,
-    /// With pivoting.
+    /// Full, with pivoting.
     Pivoted,
 }
 
@@ -104,9 +104,9 @@ pub struct Rosenbrock {
     /// Over the pattern of the Jacobian, where that is sparse; and with pivoting, where the other would lose digits.
     elimination: Option<Elimination>,
     lu: Lu,
-    /// That of a kernel.
+    /// Factors of a kernel's decomposition.
     factors: Vec<f64>,
-    /// Which the last decomposition is.
+    /// Kind of the last decomposition.
     decomposed: Decomposed,
     /// The stages u, one row a state: what is summed lies together.
     u: Vec<[f64; STAGES]>,
@@ -202,8 +202,8 @@ impl Rosenbrock {
         }
     }
 
-    /// The error right after an attempt, for one that is tolerated: where the Jacobian damps what would be more, it must be
-    /// what it was at the start, which one more stage tells. Else the error is what that would be if nothing were damped.
+    /// Error right after an attempt whose error is tolerated. If the Jacobian damps a larger error, it must be the same
+    /// as at the start, which one more stage checks. Else the result is the error without damping.
     fn undamped(
         &mut self,
         problem: &mut Problem,

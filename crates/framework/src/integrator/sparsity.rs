@@ -1,4 +1,4 @@
-//! Which entries of the exact Jacobian ∂f/∂x are there, whatever the numbers are, and what computes them.
+//! Nonzero entries of the exact Jacobian ∂f/∂x, whatever the numbers are, and the instructions that compute them.
 
 use std::sync::OnceLock;
 
@@ -20,7 +20,7 @@ pub struct Sparsity {
     differentiator: OnceLock<Differentiator>,
 }
 
-/// Where an entry of the Jacobian stands.
+/// Place of an entry in the Jacobian.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     pub row: usize,
@@ -28,7 +28,7 @@ pub(super) struct Place {
 }
 
 impl Sparsity {
-    /// As the equations of a system have it.
+    /// Finds the pattern in the equations of a system.
     pub fn of(system: &dyn DynSystem, variables: &Variables) -> Self {
         let recording = Recording::of(system, Method::Evaluate, &variables.layout());
         let (states, rates) = (variables.reals(Section::State), variables.reals(Section::Derivative));
@@ -44,11 +44,11 @@ impl Sparsity {
         Sparsity::new(columns)
     }
 
-    /// Of a pattern by columns.
+    /// Builds it from a pattern by columns.
     pub fn new(columns: Vec<Vec<u32>>) -> Self {
         let mut groups: Vec<Vec<u32>> = Vec::new();
         let mut taken: Vec<Vec<bool>> = Vec::new();
-        // The fullest columns first: what is left over fits beside them.
+        // The fullest columns first: the others fit into the gaps.
         let mut order: Vec<usize> = (0..columns.len()).collect();
         order.sort_by_key(|&column| std::cmp::Reverse(columns[column].len()));
         for column in order {
@@ -72,7 +72,7 @@ impl Sparsity {
         self.differentiator.get_or_init(|| Differentiator::of(variables, pattern, evaluate, LARGEST))
     }
 
-    /// Where each entry stands, column by column.
+    /// Places of the entries, column by column.
     pub(super) fn places(&self) -> impl Iterator<Item = Place> {
         let columns = self.columns.iter().enumerate();
         columns.flat_map(|(column, rows)| rows.iter().map(move |&row| Place { row: row as usize, column }))
@@ -88,7 +88,7 @@ impl Sparsity {
         self.pattern.as_ref()
     }
 
-    /// How many entries there are.
+    /// Number of entries.
     pub fn entries(&self) -> usize {
         self.columns.iter().map(Vec::len).sum()
     }

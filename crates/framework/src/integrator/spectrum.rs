@@ -11,18 +11,19 @@ use nalgebra::Complex;
 
 /// Shifts tried for one eigenvalue before it is given up. Two or three are usual.
 const MOST_SHIFTS: usize = 60;
-/// After so many shifts without success, one of another kind; and from then on an entry is taken for zero that is no larger than
-/// the rounding errors of the whole matrix. Many equal eigenvalues beside a large one are not told apart any further.
+/// Number of shifts without success after which one of another kind is tried. From then on an entry counts as zero if
+/// it is no larger than the rounding errors of the whole matrix. Many equal eigenvalues next to a large one are not
+/// separated any further.
 const UNUSUAL: usize = 10;
 
 /// Eigenvalues of square matrices of one size, in storage of their own.
 #[derive(Debug)]
 pub struct Spectrum {
     size: usize,
-    /// By rows; what is left of the matrix while it is split. Its memory is there from the begin.
+    /// Entries by rows: what is left of the matrix while it is split. Its memory exists from the start.
     a: Vec<f64>,
     values: Vec<Complex<f64>>,
-    /// Which of them took more than a permutation to find, and the rounding errors of that.
+    /// Range of those that took more than a permutation to find, and the rounding errors of that.
     found: Range<usize>,
     noise: f64,
 }
@@ -95,7 +96,7 @@ impl Spectrum {
         self.a[row * self.size + column]
     }
 
-    /// Takes eigenvalues off that stand alone in a row or a column of what is left, and moves those out of the way; the
+    /// Splits off eigenvalues that have a row or a column without other entries in the remaining matrix; returns the
     /// rows and columns that are left.
     fn permute(&mut self) -> Range<usize> {
         let (mut low, mut high) = (0, self.size);
@@ -200,8 +201,8 @@ impl Spectrum {
         self.values.iter().all(|value| value.re.is_finite() && value.im.is_finite())
     }
 
-    /// Where the last block that doesn't split begins: before it lies an entry that is nothing beside its neighbours, or
-    /// beside a size that is at least given.
+    /// Begin of the last block that doesn't split: the entry before it is negligible compared with its neighbours, or
+    /// with a given least size.
     fn block(&mut self, low: usize, end: usize, (least, norm): (f64, f64)) -> usize {
         for k in (low + 1..end).rev() {
             let beside = (self.at(k, k).abs() + self.at(k - 1, k - 1).abs()).max(least);

@@ -1,11 +1,11 @@
-//! How long a substep may be for what the equations' modes do: what decays must not be amplified, and what grows must
-//! grow as it does.
+//! Longest substep at which the method treats the equations' modes correctly: decaying ones are not amplified, and
+//! growing ones grow at their rate.
 //!
-//! Error control sees what is larger than the tolerance. A mode that starts far below it, in a loop at rest or started
-//! on its trajectory, is at the mercy of the method: its amplitude is multiplied by |R(λh)| in each substep, R being the
-//! method's stability function (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.3), in place of
-//! e^(Re λ h). An L-stable method takes R near zero for all fast modes, those that grow included, and an explicit
-//! one damps slow growth of oscillations as well. So whatever the eigenvalues λ of the exact Jacobian say to grow is
+//! Error control sees errors above the tolerance only. A mode that starts far below it, in a loop at rest or started on
+//! its trajectory, is at the mercy of the method: its amplitude is multiplied by |R(λh)| in each substep, R being the
+//! method's stability function (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.3), in place of e^(Re
+//! λ h). An L-stable method takes R near zero for all fast modes, those that grow included, and an explicit one damps
+//! slow growth of oscillations as well. So all modes that grow, by the eigenvalues λ of the exact Jacobian, are
 //! resolved: each method has its longest substep at which |R| grows at the right rate.
 
 use nalgebra::Complex;
@@ -16,19 +16,19 @@ use crate::error::Number;
 
 /// Growth of a mode is followed with an error of this part of its rate.
 const GROWTH_ACCURACY: f64 = 0.01;
-/// Below this part of its frequency, the growth of a mode can't be told from none.
+/// Part of a mode's frequency below which its growth counts as none.
 const LEAST_GROWTH: f64 = 1e-8;
-/// In a substep nothing may grow by more than e to this: where growth is that of the way to a pole, the next substep sees
-/// how much faster it has become.
+/// Exponent of the largest growth in a substep. If the growth is that of the way to a pole, the next substep sees how
+/// much faster it has become.
 const GROWTH_IN_A_SUBSTEP: f64 = 0.5;
-/// What was followed is forgotten by this factor from one look to the next.
+/// Factor by which a followed limit is forgotten from one look to the next.
 const FORGOTTEN: f64 = 0.5;
 /// A mode that decays more slowly than this part of its frequency may soon grow: the stiff method follows it, with an
 /// error of its growth of this part of its frequency too.
 const HARDLY_DAMPED: f64 = 1e-6;
 /// An oscillation that is damped by less than this part of its frequency carries errors on, the farther the less it is damped.
 const CARRYING: f64 = 0.05;
-/// So far at most; and one that grows.
+/// Largest factor of that; and the factor for a mode that grows.
 const FARTHEST: f64 = 100.0;
 const GROWING: f64 = 1000.0;
 /// Smallest tolerance that oscillations tighten to: rounding errors are as large.
@@ -43,10 +43,10 @@ const RAY_8: (f64, f64, f64) = (5.6, 0.2, 7.0);
 const RESOLVED: (f64, f64) = (8.0, 1e-3);
 /// Factor from one trial of that search to the next.
 const TRIAL: f64 = 0.85;
-/// So many shorter substeps in a row must be resolved too: the error may pass zero at one of them.
+/// Number of shorter substeps in a row that must be resolved too: the error may pass zero at one of them.
 const IN_A_ROW: usize = 3;
 
-/// What one substep multiplies the solution of x' = λ x by, for λh.
+/// Factor by which one substep multiplies the solution of x' = λ x, for λh.
 type Stability = fn(Complex<f64>) -> Complex<f64>;
 
 /// A pair of eigenvalues, or a real one.
@@ -59,7 +59,7 @@ pub struct Mode {
 }
 
 impl Mode {
-    /// For a message: that it had to be followed.
+    /// Sentence of a message: the mode had to be followed.
     pub(super) fn followed(&self) -> String {
         let rounded = |x: f64| format!("{x:.3e}").parse::<f64>().unwrap_or(x);
         let (growth, frequency) = (Number(rounded(self.growth)), Number(rounded(self.frequency)));
@@ -69,12 +69,12 @@ impl Mode {
     }
 }
 
-/// What eigenvalues allow an explicit method, as the reciprocals of substeps, 1/s; 0 where they set no limit.
+/// Limits of an explicit method from eigenvalues, as the reciprocals of substeps, 1/s; 0 for no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ExplicitLimits {
-    /// That what decays does.
+    /// Limit at which decaying modes decay.
     pub stable: f64,
-    /// That what grows does so at its rate.
+    /// Limit at which growing modes grow at their rate.
     pub growing: f64,
 }
 
@@ -93,12 +93,12 @@ impl ExplicitLimits {
     }
 }
 
-/// What eigenvalues allow, as the reciprocals of substeps, 1/s; 0 where they set no limit.
+/// Limits from eigenvalues, as the reciprocals of substeps, 1/s; 0 for no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Limits {
     /// The explicit method of order 5.
     pub order_5: ExplicitLimits,
-    /// That of order 8.
+    /// The explicit method of order 8.
     pub order_8: ExplicitLimits,
     /// The stiff one, that what grows does so at its rate.
     pub stiff: f64,
@@ -184,7 +184,7 @@ impl Limits {
     }
 }
 
-/// How far an explicit method is stable in a direction of the complex plane.
+/// Largest stable |λh| of an explicit method in a direction of the complex plane.
 fn stable_way(stability: Stability, (mut low, step, far): (f64, f64, f64), direction: Complex<f64>) -> f64 {
     let stable = |way: f64| stability(direction * way).norm() <= 1.0 + 1e-9;
     while low < far && stable(low + step) {
@@ -198,8 +198,8 @@ fn stable_way(stability: Stability, (mut low, step, far): (f64, f64, f64), direc
     low
 }
 
-/// How far a method goes in a direction of the complex plane with a growth rate whose error is at most `allowed`, all
-/// in units of |λ|.
+/// Largest |λh| of a method in a direction of the complex plane whose growth rate has an error of at most `allowed`,
+/// all in units of |λ|.
 fn resolved_way(stability: Stability, direction: Complex<f64>, allowed: f64) -> f64 {
     let (far, least) = RESOLVED;
     let mut way = if direction.re > 0.0 { far.min(GROWTH_IN_A_SUBSTEP / direction.re) } else { far };

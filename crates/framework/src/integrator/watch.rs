@@ -1,9 +1,9 @@
-//! Looks at the eigenvalues of the exact Jacobian now and then, and keeps what they allow.
+//! Looks at the eigenvalues of the exact Jacobian now and then, and stores the limits that they set.
 //!
-//! How often depends on work alone, so that a restored instance looks at the same substeps: the explicit method pays a
-//! small part of its work for it. The stiff method has the Jacobian anyway, takes long substeps, and is the one that
-//! could pass over growth or a pole, so it looks more often: whenever the Jacobian has changed its size, and after a few
-//! substeps.
+//! The intervals depend on work only, so that a restored instance looks at the same substeps: the explicit method pays
+//! a small part of its work for it. The stiff method has the Jacobian anyway, takes long substeps, and is the one that
+//! could pass over growth or a pole, so it looks more often: whenever the Jacobian has changed its size, and after a
+//! few substeps.
 
 use super::Pace;
 use super::jacobian::Jacobian;
@@ -30,12 +30,12 @@ pub struct Watch {
     spectrum: Spectrum,
     /// Work of finding eigenvalues, and of a Jacobian.
     work: [f64; 2],
-    /// The damped mode that set the explicit method's limit at the last look: for messages alone.
+    /// The damped mode that set the explicit method's limit at the last look, for messages only.
     damped: Mode,
 }
 
 impl Watch {
-    /// For a system of so many states, where it isn't too large.
+    /// Watch for a system with this number of states; none if it is too large.
     pub fn new(states: usize) -> Option<Self> {
         let work = Work::of_states(states);
         let work = [work.eigenvalues, work.jacobian];

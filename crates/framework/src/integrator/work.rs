@@ -1,10 +1,10 @@
-//! What things take, counted in elementary operations: the same on every machine, so that a step that is refused for its
-//! work is refused everywhere, and a restored instance does as the one that was saved.
+//! Costs counted in elementary operations: the same on every machine. So a step that is refused for its work is refused
+//! everywhere, and a restored instance behaves as the one that was saved.
 
 use super::WORK_LIMIT;
 use crate::system::{Section, Variables};
 
-/// Operations of an evaluation beside those for each number that it may read.
+/// Operations of an evaluation, in addition to those for each number that it may read.
 const CALL: f64 = 30.0;
 /// Operations for a number that an evaluation may read.
 const NUMBER: f64 = 1.0;
@@ -31,13 +31,13 @@ pub struct Work {
 }
 
 impl Work {
-    /// For a system with these variables.
+    /// Work for a system with these variables.
     pub fn of(variables: &Variables) -> Self {
         let numbers = variables.reals(Section::Derivative).end as f64;
         Work::with(variables.states() as f64, CALL + NUMBER * numbers)
     }
 
-    /// For any system of so many states: what is chosen by it depends on nothing else.
+    /// Work for any system with this number of states: choices based on it depend on nothing else.
     pub fn of_states(states: usize) -> Self {
         let n = states as f64;
         Work::with(n, CALL + STATE * n)
@@ -54,7 +54,7 @@ impl Work {
         }
     }
 
-    /// What a step's work comes to for a user, in Markdown.
+    /// User documentation of a step's work, in Markdown.
     pub fn documentation(&self) -> String {
         let most = |work: f64| {
             let digits = format!("{:.1e}", WORK_LIMIT / work).parse::<f64>().unwrap_or(0.0);

@@ -1,20 +1,20 @@
-//! What an instance works with within a call, and how instances of one model share it.
+//! Workspace of an instance within a call, and how instances of one model share it.
 //!
-//! Nothing in it is needed by the next call. It takes many times the memory of an instance's values: what derivatives are
-//! computed in, the matrices of the stiff method and of eigenvalues. So an instance that is alone has its own, and those beside it share one
-//! for each thread that initialises them: a host with a thread for each instance finds every instance a workspace, and one
-//! thread with many instances needs one for all of them. Where a thread meets a workspace that is in use, by steps of
-//! instances that another thread has initialised, it goes to another, which is made if there is none.
+//! The next call needs nothing of it. It takes many times the memory of an instance's values: storage for derivatives,
+//! the matrices of the stiff method and of eigenvalues. So a single instance has its own, and further ones share one
+//! for each thread that initialises them: a host with a thread for each instance finds every instance a workspace, and
+//! one thread with many instances needs one for all of them. If a thread meets a workspace that is in use, by steps of
+//! instances that another thread has initialised, it goes to another, which is created if there is none.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak};
 
 use super::{Driver, Sparsity};
 use crate::system::{DynSystem, Section, Variables};
 
-/// What an instance works with within a call.
+/// Workspace of an instance within a call.
 #[derive(Debug)]
 pub struct Workspace {
-    /// What integrates.
+    /// Integrator.
     pub driver: Driver,
     /// Real values as before the step that is being tried.
     pub reals: Vec<f64>,
@@ -27,7 +27,7 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// For a system whose Jacobian has this pattern.
+    /// Workspace for a system whose Jacobian has this pattern.
     pub fn new(system: &dyn DynSystem, variables: &Variables, sparsity: &Arc<Sparsity>) -> Self {
         let inputs = variables.reals(Section::Input).len();
         Workspace {
@@ -45,7 +45,7 @@ impl Workspace {
         self.integers.copy_from_slice(integers);
     }
 
-    /// Brings the values back that were kept.
+    /// Restores the stored values.
     pub fn bring_back(&self, reals: &mut [f64], integers: &mut [i32]) {
         reals.copy_from_slice(&self.reals);
         integers.copy_from_slice(&self.integers);
@@ -55,7 +55,7 @@ impl Workspace {
 /// A workspace of several instances.
 #[derive(Debug)]
 pub struct Common {
-    /// Which thread initialises them.
+    /// Thread that initialises them.
     thread: usize,
     workspace: Mutex<Workspace>,
 }
@@ -72,12 +72,12 @@ impl Common {
     }
 }
 
-/// Where an instance works.
+/// Place of an instance's workspace.
 #[derive(Debug, Default)]
 pub enum Place {
-    /// In a workspace of its own; it may be the first instance that has one.
+    /// A workspace of its own; it may be the first instance that has one.
     Own(Box<Workspace>, Option<Arc<()>>),
-    /// Where others work, too.
+    /// A workspace shared with others.
     Common(Arc<Common>),
     /// It works just now.
     #[default]
@@ -103,13 +103,13 @@ pub struct Workspaces(Mutex<Known>);
 
 #[derive(Debug, Default)]
 struct Known {
-    /// The instance that was alone when it was made.
+    /// The instance that was the only one when it was created.
     first: Weak<()>,
     common: Vec<Weak<Common>>,
 }
 
 impl Workspaces {
-    /// Where an instance works that this thread makes.
+    /// Place of the workspace of an instance that this thread creates.
     pub fn place(&self, make: impl FnOnce() -> Workspace) -> Place {
         let first = {
             let mut known = self.known();
@@ -194,8 +194,8 @@ impl Workspaces {
     }
 }
 
-/// A number that tells the threads that are alive apart: where each has a variable of its own. A thread's handle would have
-/// a destructor, which keeps a library in its host until the thread ends.
+/// A number unique among living threads: the address of a thread's variable. A thread's handle would have a destructor,
+/// which keeps a library in its host until the thread ends.
 fn thread() -> usize {
     thread_local! {
         static HERE: u8 = const { 0 };
