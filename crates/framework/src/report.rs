@@ -1,6 +1,7 @@
 //! A design report: what a designer should know of a system's parameters before using it.
 //!
-//! A [`System`](crate::system::System) tells its findings; whether all of them together are sound is decided here alone.
+//! A [`System`](crate::system::System) reports its findings; only this module decides whether all of them together are
+//! sound.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -9,7 +10,7 @@ use crate::eigenvalues::{Eigenvalue, eigenvalues};
 use crate::nominal::{NominalPlant, WorstPlant};
 use crate::picture::Picture;
 
-/// How a finding is judged.
+/// Verdict on a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -17,12 +18,12 @@ pub enum Verdict {
     Ok,
     /// It works, with a disadvantage that its note names.
     Warning,
-    /// What the design rests on doesn't hold, or can't be shown.
+    /// An assumption of the design doesn't hold, or can't be shown.
     NotSound,
 }
 
 impl Verdict {
-    /// For people.
+    /// Text for people.
     pub fn text(self) -> &'static str {
         match self {
             Verdict::Ok => "ok",
@@ -32,7 +33,7 @@ impl Verdict {
     }
 }
 
-/// What was found.
+/// Value of a finding.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -44,9 +45,9 @@ pub enum Value {
     Eigenvalues(Vec<Eigenvalue>),
     /// Two numbers between which it lies.
     Between {
-        /// Not above it.
+        /// Lower bound.
         lower: f64,
-        /// Not below it.
+        /// Upper bound.
         upper: f64,
     },
     /// Words; also numbers that aren't finite.
@@ -102,7 +103,7 @@ impl Value {
         }
     }
 
-    /// For people: a line, or a line a row or an eigenvalue.
+    /// Text for people: one line, or a line per row or eigenvalue.
     pub fn lines(&self) -> Vec<String> {
         match self {
             Value::Number(value) => vec![number(*value)],
@@ -148,7 +149,7 @@ pub fn at_least(value: f64) -> String {
     number(no_less(value, DIGITS))
 }
 
-/// The first of the digits that tell a number from every other one, rounded up in magnitude or not at all.
+/// Returns the first of the shortest digits of a number, rounded up in magnitude or cut.
 fn cut(value: f64, digits: usize, up: bool) -> f64 {
     let all = format!("{value:e}");
     let Some((mantissa, power)) = all.split_once('e') else { return value };
@@ -161,7 +162,7 @@ fn cut(value: f64, digits: usize, up: bool) -> f64 {
     units.ok().and_then(|units| format!("{sign}{units}e{shift}").parse().ok()).unwrap_or(value)
 }
 
-/// So many digits a person reads.
+/// Digits that are shown to people.
 pub const DIGITS: usize = 7;
 
 /// Seven digits, as short as can be.
@@ -177,17 +178,17 @@ pub fn number(value: f64) -> String {
 /// One thing that was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// What it belongs to.
+    /// Section of the report.
     pub section: String,
-    /// What it is.
+    /// Name of the quantity.
     pub name: String,
     /// Its value.
     pub value: Value,
     /// Unit of the value; empty where it has none, and for eigenvalues, which have theirs.
     pub unit: String,
-    /// How it is judged.
+    /// Verdict.
     pub verdict: Verdict,
-    /// What it means or how it was found; where it isn't ok, what would mend it, with numbers.
+    /// Meaning or origin; if the verdict isn't ok, the remedy with numbers.
     pub note: String,
 }
 
@@ -196,7 +197,7 @@ pub struct Finding {
 pub struct DesignReport {
     /// Communication step of the default experiment, s; 0 within a larger system, whose parts take none.
     pub step: f64,
-    /// What was found; nothing where a system has nothing to report.
+    /// Findings; none if a system has nothing to report.
     pub findings: Vec<Finding>,
     /// Summary of the loop with the nominal plant, in a line; none where no plant is known.
     #[serde(default)]
@@ -207,7 +208,7 @@ pub struct DesignReport {
     /// Pictures of the loop with the nominal plant; none where no plant is known.
     #[serde(default)]
     pub pictures: Vec<Picture>,
-    /// What the section of the next findings is called.
+    /// Title of the section of the next findings.
     #[serde(skip)]
     section: String,
     /// Name of the part of a larger system whose findings follow.
@@ -219,12 +220,12 @@ pub struct DesignReport {
 }
 
 impl DesignReport {
-    /// Without findings, for this communication step, s.
+    /// Returns a report without findings, for this communication step, s.
     pub fn new(step: f64) -> Self {
         DesignReport { step, ..DesignReport::default() }
     }
 
-    /// With the plant that the system was designed for, which its findings may be about.
+    /// Adds the plant that the system was designed for, which its findings may be about.
     #[must_use]
     pub fn with_nominal(self, nominal: Option<NominalPlant>) -> Self {
         DesignReport { nominal, ..self }
@@ -245,7 +246,7 @@ impl DesignReport {
         self.verdict() != Verdict::NotSound
     }
 
-    /// Why the design isn't sound and what would make it so, as its findings say it; nothing where it is.
+    /// Reason why the design isn't sound and remedies, from its findings; none if it is sound.
     pub fn reason(&self) -> Option<String> {
         let bad = self.findings.iter().filter(|finding| finding.verdict == Verdict::NotSound);
         let told = bad.map(|Finding { name, value, unit, note, .. }| {
@@ -256,7 +257,7 @@ impl DesignReport {
         (!told.is_empty()).then_some(told)
     }
 
-    /// What to call the section of the next findings.
+    /// Sets the title of the section of the next findings.
     pub fn section(&mut self, title: &str) {
         self.section = self.part.as_ref().map_or(title.to_owned(), |part| format!("{part}: {title}"));
     }
@@ -269,7 +270,7 @@ impl DesignReport {
         (self.part, self.nominal) = (None, nominal);
     }
 
-    /// In other words, which name variables as users do.
+    /// Rewords all texts, e.g. with users' names of variables.
     pub(crate) fn reworded(&mut self, word: impl Fn(&str) -> String) {
         for finding in &mut self.findings {
             finding.name = word(&finding.name);
@@ -300,7 +301,8 @@ impl DesignReport {
         self.tell(name, "unlimited", unit, note);
     }
 
-    /// A finding, its verdict, and what would mend it. No number that isn't finite is ok: nothing is shown by it.
+    /// Adds a finding with its verdict and, as its note, a remedy. A number that isn't finite is never ok: it shows
+    /// nothing.
     pub fn judge(
         &mut self,
         name: &str,

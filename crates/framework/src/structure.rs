@@ -1,4 +1,4 @@
-//! What depends on what in a model, as its recorded equations have it (FMI 2.0.4, section 2.2.8).
+//! Dependences in a model, as its recorded equations have them (FMI 2.0.4, section 2.2.8).
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,14 +15,14 @@ pub enum Place {
 }
 
 impl Place {
-    /// Of an element.
+    /// The place of an element.
     pub fn of(variables: &Variables, element: Element<'_>) -> Self {
         let index = variables.index(element);
         if element.variable.is_real() { Place::Real(index) } else { Place::Integer(index) }
     }
 }
 
-/// What outputs and derivatives depend on: while a simulation runs, and at its start.
+/// Dependences of outputs and derivatives: while a simulation runs, and at its start.
 #[derive(Debug, Clone)]
 pub struct Structure {
     running: BTreeMap<Place, Vec<Place>>,
@@ -30,7 +30,7 @@ pub struct Structure {
 }
 
 impl Structure {
-    /// As a system's equations and its start have it, with the place of time.
+    /// Finds the dependences in a system's equations and its start, with the place of time.
     pub fn of(system: &dyn DynSystem, variables: &Variables, time: Place) -> Self {
         let found = |method| Recording::of(system, method, &variables.layout());
         let wanted = |element: &Element<'_>| {
@@ -74,7 +74,7 @@ fn dependence(
     unknowns.iter().copied().zip(on.into_iter().map(places)).collect()
 }
 
-/// What a leaf of the equations is to a master: an input, a state or time.
+/// Variables of a master behind a leaf of the equations: an input, a state or time.
 fn running(leaf: Leaf, variables: &Variables, time: Place) -> Vec<Place> {
     let is_known = |place: usize, ranges: &[std::ops::Range<usize>]| ranges.iter().any(|range| range.contains(&place));
     match leaf {
@@ -91,7 +91,7 @@ fn running(leaf: Leaf, variables: &Variables, time: Place) -> Vec<Place> {
     }
 }
 
-/// What a leaf of the start is to a master: an input, a parameter, or the parameters that something was prepared from.
+/// Variables of a master behind a leaf of the start: an input, a parameter, or the parameters of a prepared value.
 fn start(leaf: Leaf, variables: &Variables) -> Vec<Place> {
     match leaf {
         Leaf::Real(place) => {
@@ -115,7 +115,7 @@ fn start(leaf: Leaf, variables: &Variables) -> Vec<Place> {
     }
 }
 
-/// A design is made of numbers and not recorded: each of its results counts as made from all parameters of its system.
+/// Parameters that a design's result depends on. A design isn't recorded, so these are all parameters of its system.
 fn prepared_from(place: usize, variables: &Variables) -> Vec<Place> {
     let first = variables.reals(Section::Prepared).start;
     // Variables of a composite's part begin with its name.

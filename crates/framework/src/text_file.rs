@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
-/// What a text file may hold, in bytes: many times what the largest loop takes.
+/// Largest text file, in bytes: many times the size of the largest loop.
 const LARGEST: u64 = 1 << 22;
 
 /// The text of a file.

@@ -1,10 +1,10 @@
-//! A recording, carried out on numbers: the referee of every other form that is made of it.
+//! Evaluation of a recording on numbers: the reference for every other form of it.
 
 use super::iteration;
 use super::method::Recording;
 use super::tape::{Leaf, Node, Tape};
 
-/// What is given to a recording.
+/// Inputs of a recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Given<'a> {
     /// Time, s.
@@ -15,7 +15,7 @@ pub struct Given<'a> {
     pub reals: &'a [f64],
     /// The block's integers.
     pub integers: &'a [i32],
-    /// Which event indicators changed sides.
+    /// True for event indicators that changed sides.
     pub crossed: &'a [bool],
 }
 
@@ -42,7 +42,7 @@ impl Tape {
 }
 
 impl Recording {
-    /// What becomes of the block's real values and integers, and the method's results.
+    /// Returns the block's new real values and integers, and the method's results.
     pub fn carry_out(&self, given: &Given) -> (Vec<f64>, Vec<i32>, Vec<f64>) {
         let values = self.tape.values(given);
         let of = |nodes: &[Node]| nodes.iter().map(|node| values[node.index()]).collect::<Vec<f64>>();

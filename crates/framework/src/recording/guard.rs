@@ -1,5 +1,5 @@
-//! Where operations are needed: under which conditions what is wanted asks for them. Where hosts trap floating-point exceptions,
-//! a quotient must not be computed that equations don't ask for.
+//! Conditions under which operations are needed for the wanted results. Some hosts trap floating-point exceptions, so a
+//! quotient that equations don't ask for must not be computed.
 
 use std::rc::Rc;
 
@@ -33,7 +33,7 @@ impl Guard {
         self.terms.iter().map(Vec::as_slice)
     }
 
-    /// What it asks for where these literals hold.
+    /// Its remaining condition if these literals hold.
     pub fn within(&self, operations: &[Operation], known: &[Literal]) -> Self {
         let mut left = Guard::default();
         for term in &self.terms {
@@ -122,7 +122,7 @@ fn is_part(term: &[Literal], of: &[Literal], without: Option<Node>) -> bool {
     term.iter().all(|literal| Some(literal.0) == without || of.contains(literal))
 }
 
-/// Where each operation is needed for what is wanted, itself perhaps under a condition. Many are needed where others are.
+/// Guard of each operation for the wanted results, each of which may have a condition. Many operations share a guard.
 pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option<Node>)]) -> Vec<Rc<Guard>> {
     // One that has no terms yet is replaced, not changed.
     let none = Rc::new(Guard::default());
@@ -173,7 +173,7 @@ fn merge(guard: &mut Rc<Guard>, other: &Rc<Guard>) {
     }
 }
 
-/// What a literal is made of, where it holds.
+/// Literals that a literal is composed of.
 pub fn literals(operations: &[Operation], (node, holds): Literal) -> Vec<Literal> {
     match (&operations[node.index()], holds) {
         (Operation::Not(a), _) => literals(operations, (*a, !holds)),
@@ -186,7 +186,7 @@ pub fn literals(operations: &[Operation], (node, holds): Literal) -> Vec<Literal
     }
 }
 
-/// Whether a condition holds, where that follows from what is known.
+/// The value of a condition, if it follows from the known literals.
 pub fn decided(operations: &[Operation], condition: Node, known: &[Literal]) -> Option<bool> {
     [true, false].into_iter().find_map(|holds| {
         let parts = literals(operations, (condition, holds));
@@ -204,7 +204,7 @@ mod tests {
     use super::{Guard, MOST, guards};
     use crate::recording::{Node, Operation};
 
-    /// What holds where any of these terms does: a literal is a node's place, below 0 where it is not to hold.
+    /// A guard that holds if any of these terms does; a literal is a node's place, negative if it must not hold.
     fn any(terms: &[&[i32]]) -> Guard {
         let mut guard = Guard::default();
         let literal = |&place: &i32| (Node::at(place.unsigned_abs() as usize), place > 0);

@@ -10,7 +10,7 @@ use crate::scalar::Opaque;
 /// A number's place among the registers.
 pub(super) type Register = u32;
 
-/// What an instruction writes goes to the register behind that of the one before.
+/// An instruction. Its result goes to the register after that of the instruction before.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Instruction {
     // What most instructions are has no second table to go through.
@@ -34,12 +34,12 @@ pub(super) enum Instruction {
     Opaque(Opaque, [Register; 3]),
     /// Writes the state that a loop reaches.
     Iterate(u32),
-    /// Where this is 0, so many instructions behind it aren't needed: some would have no number, perhaps. Registers that they
-    /// would write stay as they are.
+    /// Skips the given number of instructions if the register is 0: they aren't needed, and some might have no number.
+    /// Registers that they would write stay as they are.
     Where(Register, u32, Register),
 }
 
-/// An iteration. Its registers lie together: the state, what it reads beside that, and what its instructions write.
+/// An iteration. Its registers are contiguous: the state, the other operands, and the results of its instructions.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Loop {
     pub(super) most: usize,
@@ -49,7 +49,7 @@ pub(super) struct Loop {
     pub(super) instructions: Vec<Instruction>,
     pub(super) goes_on: Register,
     pub(super) next: Vec<Register>,
-    /// Where the next state is put together.
+    /// First register of the next state.
     pub(super) scratch: usize,
 }
 
@@ -61,7 +61,7 @@ pub struct Instructions {
     instructions: Vec<Instruction>,
     loops: Vec<Loop>,
     results: Vec<Register>,
-    /// How many registers there are: constants, leaves, and what is written.
+    /// Number of registers: constants, leaves, and results.
     registers: usize,
 }
 
@@ -95,7 +95,7 @@ impl Instructions {
         }
     }
 
-    /// How many registers they need.
+    /// Number of registers that they need.
     pub fn registers(&self) -> usize {
         self.registers
     }
@@ -213,7 +213,8 @@ mod tests {
         }
     }
 
-    /// What stands behind a condition is skipped and computed again, whatever the registers held before.
+    /// Checks that operations behind a condition are skipped and computed again, whatever the registers contained
+    /// before.
     #[test]
     fn what_a_condition_leaves_out_is_computed_when_it_holds_again() {
         let function = |x: Recorded| {

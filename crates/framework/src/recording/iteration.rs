@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::tape::{Leaf, Node, Operation, Tape};
 
-/// What an iteration does in a step. Its operations read its state, and what else they read, as [`Operation::Carried`].
+/// A step of an iteration. Its operations read its state, and other numbers, as [`Operation::Carried`].
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Body {
     /// The operations, in an order in which each comes after its operands.
@@ -63,10 +63,10 @@ pub(super) fn values(operations: &[Operation], leaf: &dyn Fn(Leaf) -> f64, carri
 /// An iteration that is being recorded.
 #[derive(Debug)]
 pub(super) struct Open {
-    /// Where it began on the tape, with the numbers of its state.
+    /// Begin on the tape, and number of its state's numbers.
     begin: usize,
     len: usize,
-    /// How many numbers the iterations around it carry.
+    /// Number of carried numbers of the iterations around it.
     carried: u32,
 }
 
@@ -77,12 +77,12 @@ impl Open {
     }
 }
 
-/// Where an operation goes when its iteration ends.
+/// Destination of an operation when its iteration ends.
 #[derive(Clone, Copy)]
 enum Place {
-    /// Into the body.
+    /// The body.
     Inside(Node),
-    /// To what is computed before.
+    /// The operations before the iteration.
     Before(Node),
 }
 
@@ -127,13 +127,13 @@ impl Tape {
     }
 }
 
-/// What was recorded of an iteration, while it is parted into what follows from its state and what doesn't.
+/// Operations of an iteration while they are parted into those that depend on its state and the others.
 struct Parting<'a> {
     tape: &'a mut Tape,
     open: Open,
     body: Tape,
     captured: Vec<Node>,
-    /// Where each operation has gone, in the order in which they were recorded.
+    /// Destination of each operation, in the order in which they were recorded.
     places: Vec<Place>,
 }
 

@@ -1,17 +1,17 @@
-//! What of a system is recorded, and what a recording holds.
+//! Methods of a system that are recorded, and the content of a recording.
 
 use super::tape::{Node, Tape};
 
-/// What is recorded.
+/// Recorded methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// What follows from parameters, and the relations that they keep.
+    /// Values that follow from parameters, and the relations between parameters.
     Relate,
     /// Signals and derivatives.
     Evaluate,
     /// The start: states and discrete values, then signals and derivatives.
     Start,
-    /// What happens when tunable parameters have changed.
+    /// The reaction to a change of tunable parameters.
     ParametersChanged,
     /// True if the equations hold.
     Check,
@@ -55,15 +55,15 @@ impl Method {
     ];
 }
 
-/// What a method makes of the values of a block.
+/// A method's effect on the values of a block.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
     /// The operations.
     pub tape: Tape,
-    /// What becomes of each real value of the block.
+    /// New real values of the block.
     pub reals: Vec<Node>,
-    /// What becomes of each integer of the block.
+    /// New integers of the block.
     pub integers: Vec<Node>,
-    /// What the method gives beside these: event indicators, the time of the next event.
+    /// Further results: event indicators, the time of the next event.
     pub results: Vec<Node>,
 }

@@ -1,11 +1,12 @@
-//! Equations, recorded once: a [`System`](crate::system::System) run over a scalar that writes down what is done with it.
+//! Equations, recorded once: a [`System`](crate::system::System) run over a scalar that writes down what is done with
+//! it.
 //!
-//! A recording is a list of [`Operation`]s, each over earlier ones: common subexpressions are shared, what follows from
-//! constants alone is computed at once, by the very functions that the equations call, and nothing else is changed. What
-//! depends on what follows from it, and the sparsity of every Jacobian.
+//! A recording is a list of [`Operation`]s, each over earlier ones. Common subexpressions are shared, and operations on
+//! constants are computed during recording, by the very functions that the equations call. Nothing else is changed.
+//! Dependences and the sparsity of every Jacobian follow from it.
 //!
 //! Conditions select: of a [`Scalar::branch`](crate::system::Scalar::branch) both ways are recorded, and a
-//! [`Point::when`](crate::system::Point::when) is recorded as a selection between what stood and what it leaves.
+//! [`Point::when`](crate::system::Point::when) is recorded as a selection between the old and the new values.
 
 mod adjoint;
 mod evaluate;

@@ -52,12 +52,12 @@ impl PartialEq for Recorded {
 }
 
 impl Recorded {
-    /// What computes it.
+    /// The node that computes it.
     pub fn node(self) -> Node {
         self.0
     }
 
-    /// As a condition: whether it isn't 0.
+    /// The condition that it isn't 0.
     pub(crate) fn holds(self) -> Condition {
         Condition(self.0)
     }
@@ -79,7 +79,7 @@ impl Recorded {
     }
 }
 
-/// A reference within a message: the number is put there when it is told.
+/// A reference within a message, which the number replaces when the message is sent.
 impl fmt::Display for Recorded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{{node {}}}", self.0.0)
@@ -172,7 +172,7 @@ impl BitOr for Condition {
 impl Flag for Condition {}
 
 impl Condition {
-    /// What computes it.
+    /// The node that computes it.
     pub fn node(self) -> Node {
         self.0
     }

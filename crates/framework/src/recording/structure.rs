@@ -1,11 +1,11 @@
-//! What depends on what, as the operations of a recording have it: whatever the numbers are.
+//! Dependences between values, by the operations of a recording: whatever the numbers are.
 //!
-//! A parameter that is zero today counts. What doesn't: a product with a constant zero of the system's structure, and the
-//! exponent zero.
+//! A parameter that is zero today counts. A product with a constant zero of the system's structure doesn't, nor does an
+//! exponent of zero.
 
 use super::tape::{Binary, Leaf, Node, Operation, Tape};
 
-/// How many leaves are followed at once: a bit each.
+/// Number of leaves in one pass: a bit each.
 const AT_ONCE: usize = u64::BITS as usize;
 
 impl Tape {

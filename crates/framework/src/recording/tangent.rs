@@ -33,7 +33,7 @@ impl Tape {
         wanted.iter().map(|node| tangents[node.index()]).collect()
     }
 
-    /// Which operations some nodes are made of, themselves included.
+    /// True for operations that some nodes depend on, themselves included.
     pub fn needed(&self, wanted: &[Node]) -> Vec<bool> {
         needed(self.operations(), wanted)
     }
@@ -255,7 +255,7 @@ impl Tape {
     }
 }
 
-/// Which operations some nodes are made of, themselves included.
+/// True for operations that some nodes depend on, themselves included.
 pub fn needed(operations: &[Operation], wanted: &[Node]) -> Vec<bool> {
     let mut needed = vec![false; operations.len()];
     wanted.iter().for_each(|node| needed[node.index()] = true);

@@ -1,4 +1,4 @@
-//! What was done, one operation after the other.
+//! The list of recorded operations.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -27,7 +27,7 @@ impl Node {
     }
 }
 
-/// What a recording begins with.
+/// A given number, with which a recording begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Leaf {
     /// Time.
@@ -97,11 +97,11 @@ pub enum Comparison {
 pub enum Operation {
     /// A number, by its bits.
     Constant(u64),
-    /// What is given.
+    /// A given number.
     Leaf(Leaf),
     /// A function of one number.
     Unary(Unary, Node),
-    /// Of two.
+    /// A function of two numbers.
     Binary(Binary, Node, Node),
     /// A power with a whole exponent.
     Powi(Node, i32),
@@ -127,17 +127,17 @@ pub enum Operation {
         most: usize,
         /// The state at the start.
         start: Vec<Node>,
-        /// What the body reads beside the state.
+        /// Other numbers that the body reads, in addition to the state.
         captured: Vec<Node>,
     },
     /// A number of the state that an iteration reaches.
     Part(Node, u32),
-    /// In the body of an iteration: a number of its state or, behind these, of what it reads beside it.
+    /// A number of the state, or one of the other numbers behind these, in the body of an iteration.
     Carried(u32),
 }
 
 impl Operation {
-    /// What it is made of.
+    /// Its operands.
     pub fn operands(&self) -> impl Iterator<Item = Node> + use<'_> {
         let few = |nodes: [Option<Node>; 3]| (nodes, [&[][..]; 2]);
         let (few, many) = match self {
@@ -273,21 +273,21 @@ impl Comparison {
     }
 }
 
-/// What is told or refused where a condition holds.
+/// A message or refusal under a condition.
 #[derive(Debug, Clone)]
 pub enum Note {
     /// A message of a category.
     Message {
-        /// Where it is told.
+        /// Condition of the message.
         condition: Node,
         /// Its log category.
         category: &'static str,
         /// The text, with references to nodes and variables in it.
         text: String,
     },
-    /// Why a start or a point is refused.
+    /// Reason why a start or a point is refused.
     Refusal {
-        /// Where it is refused.
+        /// Condition of the refusal.
         condition: Node,
         /// The reasons, with references to nodes and variables in them.
         reason: Invalid,
@@ -295,7 +295,7 @@ pub enum Note {
 }
 
 impl Note {
-    /// Where it is told or refused.
+    /// Condition of the message or refusal.
     pub fn condition(&self) -> Node {
         match self {
             Note::Message { condition, .. } | Note::Refusal { condition, .. } => *condition,
@@ -312,8 +312,8 @@ impl Note {
     }
 }
 
-/// Tells operations apart: a multiplication a number. Most of the time of a recording would go into the hash that the standard
-/// library takes against whoever chooses keys on purpose; here nobody does.
+/// Hashes operations with one multiplication per number. The standard library's hash protects against maliciously
+/// chosen keys, which don't occur here, and would take most of the time of a recording.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Mixed(u64);
 
@@ -355,7 +355,7 @@ pub struct Tape {
     pub(super) operations: Vec<Operation>,
     pub(super) known: HashMap<Operation, Node, BuildHasherDefault<Mixed>>,
     pub(super) notes: Vec<Note>,
-    /// How many numbers the iterations carry that are being recorded.
+    /// Number of carried numbers of the iterations that are being recorded.
     pub(super) carried: u32,
     /// True if equations looked at a number that isn't known before it is given.
     pub(super) looked: bool,
@@ -379,7 +379,7 @@ impl Tape {
         self.looked
     }
 
-    /// What is told and refused.
+    /// Messages and refusals.
     pub fn notes(&self) -> &[Note] {
         &self.notes
     }
@@ -391,7 +391,7 @@ impl Tape {
         Tape { operations, notes: self.notes.clone(), ..Tape::default() }
     }
 
-    /// Takes memory for so many operations at once.
+    /// Reserves memory for this number of operations.
     pub(super) fn reserve(&mut self, operations: usize) {
         self.operations.reserve(operations);
         self.known.reserve(operations);
@@ -422,7 +422,7 @@ impl Tape {
         }
     }
 
-    /// What an operation comes down to where operands are constants. No number is changed by it, a zero's sign included.
+    /// Simplifies an operation on constants. No number is changed by it, a zero's sign included.
     fn folded(&self, operation: Operation) -> Folded {
         if let Operation::Select(condition, yes, no) = operation {
             if let Some(known) = self.constant(condition) {

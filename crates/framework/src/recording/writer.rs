@@ -1,4 +1,4 @@
-//! Instructions of operations: what is needed under a condition alone stands behind that condition.
+//! Instructions of operations. Those that only a condition needs follow that condition.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -9,7 +9,7 @@ use super::iteration::Body;
 use super::tangent::needed;
 use super::tape::{Binary, Node, Operation, Unary};
 
-/// What instructions are put together in.
+/// Constants, loops and registers of the instructions.
 #[derive(Debug, Default)]
 pub(super) struct Writer {
     pub(super) constants: Vec<f64>,
@@ -101,7 +101,7 @@ impl Writer {
     }
 }
 
-/// So many operations under one guard are worth to look at it.
+/// Number of operations under one guard from which checking the guard pays.
 const WORTH_A_GUARD: usize = 6;
 
 /// Instructions that are needed under one guard, behind a [`Instruction::Where`].
@@ -112,7 +112,7 @@ struct Part {
     end: usize,
 }
 
-/// How a guard is put together.
+/// A link of a guard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Joint {
     Not(Register),
@@ -129,9 +129,9 @@ struct Scope<'a> {
     /// Products that are computed within the sum that they are part of.
     within: Vec<bool>,
     places: Vec<Option<Register>>,
-    /// Which operations are being computed.
+    /// True for operations that are being computed.
     is_open: Vec<bool>,
-    /// What guards are put together of: guards have much in common.
+    /// Registers of links: guards have much in common.
     joined: HashMap<Joint, Register>,
     /// The part that is being written of what is needed under one guard.
     part: Option<Part>,
@@ -201,7 +201,7 @@ impl Scope<'_> {
         });
     }
 
-    /// How many operations are needed under the same guard, from one on.
+    /// Number of operations under the same guard, from one on.
     fn alike(&self, place: usize) -> usize {
         let behind = self.guards[place..].iter().take(WORTH_A_GUARD);
         behind.take_while(|guard| **guard == self.guards[place]).count()
@@ -217,14 +217,14 @@ impl Scope<'_> {
         }
     }
 
-    /// Where an operation is needed; nothing where that is always.
+    /// Register of an operation's guard; none if it is always needed.
     fn guard(&mut self, place: usize) -> Option<Register> {
         let guard = Rc::clone(&self.guards[place]);
         let mut any = None;
         for term in guard.terms() {
             let mut all = None;
             for &(node, holds) in term {
-                // What follows from the operation itself doesn't say where that is needed.
+                // Conditions that depend on the operation itself can't guard it.
                 if self.computed(node.index()) {
                     let condition = self.of(&node);
                     let literal = if holds { condition } else { self.joined(Joint::Not(condition)) };
@@ -237,7 +237,7 @@ impl Scope<'_> {
         any
     }
 
-    /// Where a part of a guard is computed, once.
+    /// Register of a link, computed once.
     fn joined(&mut self, joint: Joint) -> Register {
         if let Some(register) = self.joined.get(&joint) {
             return *register;
@@ -303,7 +303,7 @@ impl Scope<'_> {
     }
 }
 
-/// Products that one sum or difference alone uses, at most one each.
+/// Products that only one sum or difference uses, at most one each.
 fn products(operations: &[Operation], needed: &[bool], wanted: &[Node]) -> Vec<bool> {
     let mut uses = vec![0; operations.len()];
     wanted.iter().for_each(|node| uses[node.index()] += 1);

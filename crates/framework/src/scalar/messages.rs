@@ -1,4 +1,4 @@
-//! What equations tell while they run, and why they refuse.
+//! Messages of equations while they run, and reasons why they refuse.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ pub struct Message {
     pub text: String,
 }
 
-/// Where a reference to a variable begins and ends in a text: characters that no text of a model holds.
+/// Marks of the begin and the end of a reference to a variable in a text: characters that no text of a model contains.
 pub(crate) const REFERENCE: [char; 2] = ['\u{e000}', '\u{e001}'];
 
 /// Messages that wait to be logged, and why what was asked for is refused. Empty, it holds no memory.
@@ -22,9 +22,9 @@ pub(crate) const REFERENCE: [char; 2] = ['\u{e000}', '\u{e001}'];
 pub struct MessageLog {
     messages: Vec<Message>,
     refused: Invalid,
-    /// The part of a composite that tells and refuses.
+    /// The part of a composite that sends messages and refusals.
     part: Option<Arc<str>>,
-    /// True if nobody hears what is told and refused.
+    /// True if nobody reads messages and refusals.
     unheard: bool,
 }
 
@@ -44,7 +44,7 @@ impl MessageLog {
         MessageLog { unheard: true, ..MessageLog::default() }
     }
 
-    /// A text as the part's that tells it.
+    /// A text with the name of its part.
     pub(crate) fn worded(&self, text: String) -> String {
         match &self.part {
             Some(name) => of_part(text, name),
@@ -52,7 +52,7 @@ impl MessageLog {
         }
     }
 
-    /// True if nobody hears what is told and refused.
+    /// True if nobody reads messages and refusals.
     pub(crate) fn is_unheard(&self) -> bool {
         self.unheard
     }
@@ -65,7 +65,7 @@ impl MessageLog {
         self.refused.and(reason);
     }
 
-    /// Takes over what was told and refused to a part of a composite, as the part's.
+    /// Takes over messages and refusals of a composite's part, with the part's name.
     pub(crate) fn take_over(&mut self, other: MessageLog) {
         let MessageLog { messages, refused, part, .. } = other;
         let Some(name) = part else { return };

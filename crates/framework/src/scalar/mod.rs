@@ -1,7 +1,7 @@
-//! What equations are written over.
+//! Scalars that equations are written over.
 //!
-//! A scalar is a number, or a node of a [recording](crate::recording), from which exact derivatives follow. Equations can't
-//! look at its value: what depends on one is *selected* by a flag, so that the same text serves both.
+//! A scalar is a number, or a node of a [recording](crate::recording), from which exact derivatives follow. Equations
+//! can't look at its value: what depends on one is *selected* by a flag, so that the same text serves both.
 
 mod messages;
 mod opaque;
@@ -32,11 +32,11 @@ pub trait Flag:
 
 impl Flag for bool {}
 
-/// What equations are written over: `f64`, and nodes of a recording.
+/// A scalar that equations are written over: `f64`, or a node of a recording.
 ///
-/// Beside arithmetic and elementary functions it has *selection*. A condition is a [`Scalar::Flag`]; what depends on one is
-/// chosen by [`Scalar::select`] between values that stand, by [`Scalar::branch`] between two ways of computing them, or
-/// carried out by [`Point::when`](crate::system::Point::when). For numbers these are ordinary branches, and cost what these
+/// It has arithmetic, elementary functions, and *selection*. A condition is a [`Scalar::Flag`]; what depends on one is
+/// chosen by [`Scalar::select`] between existing values, by [`Scalar::branch`] between two ways of computing them, or
+/// carried out by [`Point::when`](crate::system::Point::when). For numbers these are ordinary branches, at the same
 /// cost.
 pub trait Scalar:
     nalgebra::Scalar
@@ -161,7 +161,7 @@ pub trait Scalar:
 
     /// One of two values.
     fn select(flag: Self::Flag, yes: Self, no: Self) -> Self;
-    /// What one of two ways leads to; for numbers only that way is gone.
+    /// The result of one of two ways; numbers take only that way.
     fn branch<T: Merge<Self>>(flag: Self::Flag, yes: impl FnOnce() -> T, no: impl FnOnce() -> T) -> T;
 
     /// The value at a place among some, counted from 0: of a fraction its whole part, beyond an end the one at that end, and
@@ -176,8 +176,7 @@ pub trait Scalar:
     /// As [`Scalar::element`].
     fn put_element(values: &mut [Self], place: Self, value: Self);
 
-    /// Carries out a step on a state again and again: while a condition holds on it, and at most so many times. What it
-    /// changes is the state alone.
+    /// Repeats a step on a state while a condition holds on it, at most `most` times. The step changes the state only.
     fn iterate(state: &mut [Self], most: usize, goes_on: impl Fn(&[Self]) -> Self::Flag, step: impl Fn(&mut [Self]));
 
     /// A function that is no arithmetic, one of [`Opaque`]. Its derivative is zero.
@@ -191,7 +190,7 @@ pub trait Scalar:
     fn refuse(flag: Self::Flag, log: &mut MessageLog, reason: impl FnOnce() -> Invalid);
 }
 
-/// What one of two ways may lead to: scalars, and arrays and tuples of them.
+/// A possible result of two ways: scalars, and arrays and tuples of them.
 pub trait Merge<S: Scalar> {
     /// One of two.
     fn merge(flag: S::Flag, yes: Self, no: Self) -> Self;
@@ -222,7 +221,7 @@ macro_rules! merge_tuples {
 merge_tuples!(A a b, B c d);
 merge_tuples!(A a b, B c d, C e f);
 
-/// What a conditional change may change: values that can be copied before, and merged after it.
+/// Values that a conditional change may change: they can be copied before, and merged after it.
 #[doc(hidden)]
 pub trait Changed<S: Scalar> {
     /// The values as they are.

@@ -3,13 +3,13 @@
 /// The memory of a sampled law's clock: by handles, or by places.
 #[derive(Debug, Clone, Copy)]
 pub struct SamplingClock<T> {
-    /// From sample to sample, s; 0 where there is none.
+    /// Sample time, s; 0 if there is none.
     pub period: T,
-    /// When it began, s.
+    /// Time of the first sample, s.
     pub start: T,
     /// Samples that were taken.
     pub count: T,
-    /// How far a master's points are from the samples by rounding, s.
+    /// Distance of a master's points from the samples by rounding, s.
     pub shift: T,
 }
 

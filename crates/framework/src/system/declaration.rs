@@ -1,4 +1,4 @@
-//! How a system declares its variables: each once, with everything that anybody needs to know about it.
+//! Declaration of a system's variables: each once, with everything that anybody needs to know about it.
 
 use std::collections::HashSet;
 use std::marker::PhantomData;
@@ -40,13 +40,13 @@ impl<E: Choice> DiscreteValue for E {
     }
 }
 
-/// What can be declared: a real variable, an integer, a Boolean or a choice.
+/// A variable that can be declared: real, integer, Boolean or choice.
 pub trait Declarable {
     /// The handle's type.
     type Handle<C: Class>;
     /// Adds it to the declaration.
     fn declare<C: Class>(self, d: &mut Declaration) -> Self::Handle<C>;
-    /// With this role, unless it was given another.
+    /// Gives it this role, unless it was given another.
     fn role(self, causality: Causality) -> Self;
 }
 
@@ -101,7 +101,7 @@ pub(super) struct Difference {
     pub(super) x: Span,
     pub(super) x_m: Span,
     pub(super) passed: Span,
-    /// Place of the flag that tells the part so.
+    /// Place of the flag by which the part knows that the difference is passed.
     pub(super) is_passed: usize,
     pub(super) nominal: f64,
 }
@@ -122,9 +122,9 @@ pub struct Declaration {
     shown: usize,
     /// True if there were more than one instance may hold.
     full: bool,
-    /// What the systems are, each once.
+    /// Documentation of the systems, each once.
     documentation: Vec<&'static str>,
-    /// In a composite: the part that is being declared.
+    /// The part that is being declared, in a composite.
     part: Option<Part>,
     /// Variables whose start values a description gives as matrices, with their parts' names in front.
     pub(super) matrices: HashSet<String>,
@@ -135,7 +135,7 @@ pub struct Declaration {
 struct Part {
     name: String,
     base: Offsets,
-    /// How many event indicators there were before it.
+    /// Number of event indicators before it.
     indicators: usize,
 }
 
@@ -206,12 +206,11 @@ impl Declaration {
     }
 
     /// The difference e = x − x_m of an input and a state that follows it, or that it follows, read by
-    /// [`super::Values::difference`]: an error against a reference model, say, or that of an observer. Where it is many
-    /// orders of magnitude smaller than both (`nominal` says how small, in their unit), a subtraction would leave
+    /// [`super::Values::difference`]: e.g. an error against a reference model or that of an observer. If it is many
+    /// orders of magnitude smaller than both (`nominal` is its magnitude, in their unit), a subtraction would leave
     /// rounding errors: a composite in which x is a state integrates e in its place.
     ///
-    /// # Panics
-    /// When they have different sizes.
+    /// # Panics When they have different sizes.
     pub fn difference(&mut self, x: VectorOf<class::Input>, x_m: VectorOf<class::State>, nominal: f64) -> DifferenceOf {
         assert_eq!(x.len(), x_m.len(), "an input and a state whose difference is meant have the same size");
         let number = self.differences.len();
@@ -282,7 +281,7 @@ impl Declaration {
         self.variables.indicators.len()
     }
 
-    /// From here on variables are not the system's own, but what every model has.
+    /// Ends the system's own variables; those that every model has follow.
     pub(crate) fn begin_controls(&mut self) {
         self.variables.own = self.variables.list.len();
     }
@@ -298,12 +297,12 @@ impl Declaration {
         (declared, base)
     }
 
-    /// How many variables were declared so far, and the name of the part that is being declared.
+    /// Number of variables declared so far, and the name of the part that is being declared.
     pub(super) fn declared(&self) -> (usize, Option<String>) {
         (self.variables.list.len(), self.part.as_ref().map(|part| part.name.clone()))
     }
 
-    /// Where a handle's span lies in the whole section.
+    /// Place of a handle's span in the whole section.
     fn absolute(&self, span: Span) -> Span {
         let section = self.section_of(span.section, true);
         Span { section, start: span.start + self.base(section, true), ..span }
@@ -314,7 +313,7 @@ impl Declaration {
         if section == Section::Input && real && self.part.is_some() { Section::Connected } else { section }
     }
 
-    /// Where the part that is being declared begins in a section.
+    /// Begin of the part that is being declared in a section.
     fn base(&self, section: Section, real: bool) -> usize {
         let base = |part: &Part| if real { part.base.real } else { part.base.integer }[section as usize];
         self.part.as_ref().map_or(0, base)
@@ -327,7 +326,7 @@ impl Declaration {
         }
     }
 
-    /// What the system is, and every system in it.
+    /// Documentation of the system, and of every system in it.
     pub(crate) fn documentation(&self) -> String {
         self.documentation.join("\n\n")
     }
@@ -409,8 +408,8 @@ impl Declaration {
         start - self.base(section, real)
     }
 
-    /// True if a variable may be added; sizes come from descriptions, so what is too large is refused before anything
-    /// is made of it.
+    /// True if a variable may be added. Sizes come from descriptions, so a size that is too large is refused before
+    /// anything is allocated for it.
     fn has_room(&mut self, variable: &Variable) -> bool {
         let all = self.variables.real_sizes.iter().chain(&self.variables.integer_sizes).sum::<usize>();
         let shown = if variable.causality == Causality::Hidden { 0 } else { variable.len() };
@@ -419,7 +418,7 @@ impl Declaration {
             self.shown += shown;
             return true;
         }
-        // Told once: nothing else is added, so no later one is the reason.
+        // Reported once: nothing else is added, so no later one is the reason.
         if !std::mem::replace(&mut self.full, true) {
             let (name, len) = (&variable.name, variable.len());
             let reason =

@@ -41,8 +41,9 @@
 //! # assert_eq!(model.variables().find("x[2]").unwrap().name(), "x[2]");
 //! ```
 //!
-//! `examples/my_controller` is the least crate with a controller. `examples/my_plant` is a whole crate with this model, a
-//! larger one, which has a structure, units, an input, events and a counter, and a ball that bounces and comes to rest.
+//! `examples/my_controller` is the smallest crate with a controller. `examples/my_plant` is a whole crate with this
+//! model, a larger one, which has a structure, units, an input, events and a counter, and a ball that bounces until it
+//! rests.
 //!
 //! ## Which method is called when
 //!
@@ -62,12 +63,12 @@
 //! | [`System::report`] | before a unit is used at all, after `prepare` | allocate; take up to some 0.1 s |
 //!
 //! All methods but `declare`, `prepare`, `report` and `own_step` are generic over the [`Scalar`]: with `f64` they are
-//! simulated, and over nodes of a [recording](crate::recording) the same text gives exact derivatives, for masters and for the
-//! integration of stiff equations, and tells what depends on what: nobody has to declare that.
-//! So use `S`'s own functions (`x.sin()`), and write `x * 2.0` rather than `2.0 * x`. A scalar can't be looked at: where
-//! something depends on a condition, it is selected ([`Scalar::select`], [`Scalar::branch`]) or carried out on a condition
-//! ([`Point::when`]). And keep whatever jumps out of the equations: a jump is an *event*, its value a *discrete* variable
-//! that only [`System::event`] changes.
+//! simulated, and over nodes of a [recording](crate::recording) the same text gives exact derivatives, for masters and
+//! for the integration of stiff equations, and all dependences: nobody has to declare those. So use `S`'s own functions
+//! (`x.sin()`), and write `x * 2.0` rather than `2.0 * x`. A scalar can't be looked at: where something depends on a
+//! condition, it is selected ([`Scalar::select`], [`Scalar::branch`]) or carried out on a condition ([`Point::when`]).
+//! And keep whatever jumps out of the equations: a jump is an *event*, its value a *discrete* variable that only
+//! [`System::event`] changes.
 //!
 //! ## Events of a contact
 //!
@@ -88,16 +89,16 @@
 //! }
 //! ```
 //!
-//! The last lines are what makes it a model: bounces that take a part of the speed follow each other ever faster, and
-//! infinitely many of them end at one time. So a contact needs a *mode*, a discrete variable (here `rests`) that an event
-//! sets where the speed is small, and that the equations read: while it rests, its rates are zero. Whatever may lift it
-//! again is an event too, which takes the mode back: a force that changes its sign, say, as one more indicator.
-//! `examples/my_plant/src/ball.rs` has it all. Without a mode a step ends in an error that names the indicator
-//! (as declared): where its events accumulate, and where an event sets the speed to zero and a force
-//! goes on through. Nothing can be said of an event that lets the motion through with speed left: that is as it should be.
+//! The last lines make it a model: bounces that take a part of the speed follow each other ever faster, and infinitely
+//! many of them end at one time. So a contact needs a *mode*, a discrete variable (here `rests`) that an event sets
+//! when the speed is small, and that the equations read: while it rests, its rates are zero. Whatever may lift it again
+//! is an event too, which takes the mode back: e.g. a force that changes its sign, as one more indicator.
+//! `examples/my_plant/src/ball.rs` has it all. Without a mode a step ends in an error that names the indicator (as
+//! declared) if its events accumulate, or if an event sets the speed to zero and a force goes on through. An event that
+//! lets the motion through with speed left is no error: it may be intended.
 //!
-//! Equations are pure functions of their arguments. Nothing may be kept in `self`: an instance is saved by
-//! copying its block, and many instances share a thread.
+//! Equations are pure functions of their arguments. Don't store anything in `self`: an instance is saved by copying its
+//! block, and many instances share a thread.
 
 mod clock;
 mod composite;
@@ -153,15 +154,15 @@ pub struct NoStructure {}
 /// A stride of a system's own [`OwnStep::advance`].
 #[derive(Debug)]
 pub struct Stride<'a> {
-    /// Where it begins, s. Inputs and signals stand as they are there.
+    /// Begin, s. Inputs and signals have their values at this time.
     pub time: f64,
     /// Its length, s.
     pub length: f64,
     /// Rates of the inputs meanwhile, in the order of their declaration.
     pub slopes: &'a [f64],
-    /// To be filled with the states at `time` + 2 `length`, one number a state in the order of their declaration, as a
-    /// stride of twice the length finds them. It is compared with two strides: whatever a stride freezes at its
-    /// beginning must stay frozen over both halves of this one.
+    /// Output: the states at `time` + 2 `length`, one number a state in the order of their declaration, as a stride of
+    /// twice the length finds them. It is compared with two strides: whatever a stride freezes at its beginning must
+    /// stay frozen over both halves of this one.
     pub whole: &'a mut [f64],
     /// Workspace of [`OwnStep::workspace`] numbers; what it holds means nothing.
     pub workspace: &'a mut [f64],
@@ -178,17 +179,16 @@ pub struct ErrorEstimate {
 
 /// A dynamic system: variables, and equations over them. See the [module](self) for a guide.
 pub trait System: Sized + Send + Sync + 'static {
-    /// What the number of variables depends on: read from `[structure]` of the description.
+    /// Structure, on which the number of variables depends: read from `[structure]` of the description.
     type Structure: DeserializeOwned;
     /// The name by which a description asks for this system (`model = "…"`).
     const NAME: &'static str;
-    /// What it is, its equations and their source, in Markdown with `$…$` mathematics.
+    /// Purpose, equations and their source, in Markdown with `$…$` mathematics.
     const DOCUMENTATION: &'static str;
 
     /// Declares every variable, once, and keeps the handles.
     ///
-    /// # Errors
-    /// [`Invalid`] when the structure contradicts itself (sizes that don't fit, say).
+    /// # Errors [`Invalid`] when the structure contradicts itself, e.g. by sizes that don't fit.
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid>;
 
     /// Sizes of a structure that can change before the start, without a new description: none where the structure fixes them.
@@ -204,27 +204,26 @@ pub trait System: Sized + Send + Sync + 'static {
         toml::Table::new()
     }
 
-    /// Designs what depends on parameters alone, by whatever it takes: poles that are placed, equations of matrices that are
-    /// solved. What it gives is a constant of a recording, so a unit of C sources can't tune the parameters that it reads:
-    /// what follows by arithmetic alone belongs into [`System::relate`]. Limits of single values (`min`, `max`) were checked
+    /// Designs values that depend on parameters only, by any means: placed poles, solved matrix equations. Its results
+    /// are constants of a recording, so an FMU with C sources can't tune the parameters that it reads: values that
+    /// follow by arithmetic only belong into [`System::relate`]. Limits of single values (`min`, `max`) were checked
     /// before.
     ///
-    /// # Errors
-    /// [`Invalid`] with every reason; the parameters set before stay in force.
+    /// # Errors [`Invalid`] with every reason; the parameters set before stay in force.
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let _ = v;
         Ok(())
     }
 
-    /// Computes the prepared variables that follow from parameters, and from what was designed, by arithmetic alone, and
-    /// checks the relations that parameters must keep: by [`Point::refuse`] it says which they don't.
+    /// Computes the prepared variables that follow from parameters and from designed values by arithmetic only, and
+    /// checks the relations between parameters: [`Point::refuse`] reports a violation.
     fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         let _ = v;
     }
 
-    /// Sets states and discrete variables at the start time; those that it leaves alone have their declared start
-    /// values. Every Get in Initialization Mode comes after a call of it, so it only computes. Where there is no valid start
-    /// from these parameters and inputs, it says so by [`Point::refuse`].
+    /// Sets states and discrete variables at the start time; others have their declared start values. Every Get in
+    /// Initialization Mode comes after a call of it, so it only computes. If there is no valid start from these
+    /// parameters and inputs, it reports that by [`Point::refuse`].
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let _ = (t, v);
     }
@@ -242,10 +241,10 @@ pub trait System: Sized + Send + Sync + 'static {
         let _ = (t, v, dx);
     }
 
-    /// True if the equations hold at this point, where signals stand: asked at the start, when every master has set its
-    /// inputs, at the end of each communication step, and where a step can't be finished. It tells a user, by
-    /// [`Point::refuse`], what is wrong where the equations alone would only give no number: the variable, its value, what
-    /// is allowed and what helps. The time is added to the reasons. It changes nothing.
+    /// Checks whether the equations hold at this point, with signals evaluated: at the start, when every master has set
+    /// its inputs, at the end of each communication step, and where a step can't be finished. If they would give no
+    /// number, it refuses by [`Point::refuse`] with a text for users: the variable, its value, what is allowed and what
+    /// helps. The time is added to the reasons. It changes nothing.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let _ = (t, v);
     }
@@ -265,9 +264,9 @@ pub trait System: Sized + Send + Sync + 'static {
         let _ = (t, v, z);
     }
 
-    /// Handles the event at t: changes discrete variables, and states where they jump. `crossed` tells which event
-    /// indicators changed sides (none, at a time event). A time event is handled at t = its own time, even where
-    /// rounding has a communication step end a little before it.
+    /// Handles the event at t: changes discrete variables, and states that jump. `crossed` is true for event indicators
+    /// that changed sides (none, at a time event). A time event is handled at t = its own time, even if rounding has a
+    /// communication step end a little before it.
     fn event<S: Scalar>(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
         let _ = (t, crossed, v);
     }
@@ -278,8 +277,8 @@ pub trait System: Sized + Send + Sync + 'static {
         let _ = (t, step, v);
     }
 
-    /// Tells what a designer should know of these parameters before using them, as it follows from them alone: poles,
-    /// margins, whether the conditions hold that the design rests on, and what would mend those that don't.
+    /// Reports what a designer should know of these parameters before using them, from the parameters only: poles,
+    /// margins, whether the assumptions of the design hold, and remedies for those that don't.
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         let _ = (v, report);
     }
@@ -304,9 +303,9 @@ pub trait OwnStep {
         true
     }
 
-    /// Advances the states by one stride, and changes nothing but them: a stride may be tried again with another length.
-    /// Steps are made of pairs of strides, and divided until [`OwnStep::conclude`] finds them accurate. Whether the way
-    /// holds for this stride: where it doesn't, general integration goes on.
+    /// Advances the states by one stride, and changes nothing else: a stride may be tried again with another length. A
+    /// step consists of pairs of strides, and is divided until [`OwnStep::conclude`] finds them accurate. Returns false
+    /// if the way doesn't hold for this stride: then general integration goes on.
     fn advance(&self, stride: Stride, v: &mut Point) -> bool;
 
     /// Concludes a step: how far apart one `whole` stride and two halves arrive, both with their signals; the point

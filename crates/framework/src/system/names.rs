@@ -1,7 +1,8 @@
-//! A user's own names and descriptions of variables, in place of a model's: given in a description, decided here alone.
+//! A user's own names and descriptions of variables, in place of a model's: given in a description, decided in this
+//! module only.
 //!
-//! Handles, places and value references know no names, so nothing else changes. Messages refer to variables by their handles
-//! ([`super::Values::name`]); what leaves is told with the names in force, here.
+//! Handles, places and value references know no names, so nothing else changes. Messages refer to variables by their
+//! handles ([`super::Values::name`]); this module puts in the names in force when a text leaves.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -28,9 +29,9 @@ pub type Names = BTreeMap<String, Words>;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "must be a name, { name, description }, or a list of these, one an element")]
 pub enum Words {
-    /// Of each element, rows first.
+    /// Words for each element, rows first.
     Each(Vec<Word>),
-    /// Of a scalar or an element.
+    /// Words for a scalar or an element.
     One(Word),
 }
 
@@ -59,7 +60,7 @@ pub struct Described {
     /// Name: letters, digits and _, with dots and indices as in `motor.speed` and `joint[1]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     name: Option<String>,
-    /// What the signal is, in a line.
+    /// Description of the signal, in a line.
     #[serde(skip_serializing_if = "Option::is_none")]
     description: Option<String>,
 }
@@ -73,7 +74,7 @@ impl Word {
         }
     }
 
-    /// What it is, where that is said.
+    /// Its description, if it has one.
     pub(crate) fn description(&self) -> Option<&str> {
         match self {
             Word::Name(_) => None,
@@ -272,7 +273,7 @@ macro_rules! named_discrete {
 named_discrete!(IntegerOf<C>, BooleanOf<C>, ChoiceOf<C, E>);
 
 impl Offsets {
-    /// A reference to a variable, for a text that is told to users.
+    /// A reference to a variable, for texts that users read.
     pub fn name(&self, handle: &impl Named) -> String {
         let (is_real, is_whole, section, place) = handle.named();
         let sections = if is_real { &self.real } else { &self.integer };
@@ -291,7 +292,7 @@ pub(super) fn reference(is_real: bool, is_whole: bool, index: usize) -> String {
 }
 
 impl Variables {
-    /// A text of a system as it leaves: references to variables are told with the names in force.
+    /// A system's text for users: references to variables become the names in force.
     pub(crate) fn told(&self, text: &str) -> String {
         let mut pieces = text.split(BEGIN);
         let mut told = pieces.next().unwrap_or_default().to_owned();
@@ -303,7 +304,7 @@ impl Variables {
         told
     }
 
-    /// What is refused, as it is told to users: with the names of variables that are in force.
+    /// Reasons of a refusal for users, with the names of variables that are in force.
     pub(crate) fn told_of(&self, invalid: Invalid) -> Invalid {
         invalid.reworded(|reason| self.told(&reason))
     }

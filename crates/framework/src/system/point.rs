@@ -40,7 +40,7 @@ impl<'a, S: Scalar> Point<'a, S> {
         equations.evaluate(t, self.reals, self.integers, self.offsets);
     }
 
-    /// Writes signals alone, of a part that begins elsewhere.
+    /// Writes signals only, of a part that begins elsewhere.
     pub(super) fn outputs_of(&mut self, equations: &dyn Equations<S>, t: S, offsets: &Offsets) {
         equations.outputs(t, self.reals, self.integers, offsets);
     }
@@ -141,7 +141,7 @@ impl<'a, S: Scalar> Point<'a, S> {
         });
     }
 
-    /// Refuses what was asked for, where a condition holds: a start, say.
+    /// Refuses a request, e.g. a start, under a condition.
     pub fn refuse(&mut self, flag: S::Flag, reason: impl FnOnce(&Values<S>) -> Invalid) {
         let values = Values { reals: self.reals, integers: self.integers, offsets: self.offsets };
         S::refuse(flag, self.log, || reason(&values));

@@ -10,7 +10,7 @@ pub struct Layout {
     pub reals: usize,
     /// Number of integers.
     pub integers: usize,
-    /// Where sections begin.
+    /// Begin of each section.
     pub offsets: Offsets,
     /// Number of event indicators.
     pub indicators: usize,

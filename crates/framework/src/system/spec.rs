@@ -1,4 +1,4 @@
-//! What is declared about a variable: name, shape, start value, unit, limits, description.
+//! Declared properties of a variable: name, shape, start value, unit, limits, description.
 
 use std::marker::PhantomData;
 
@@ -59,7 +59,7 @@ pub struct Grid {
 pub trait Shape: Copy {
     /// The handle's type.
     type Handle<C: Class>;
-    /// How elements are named.
+    /// Naming of the elements.
     fn naming(self) -> Naming;
     /// The handle of values that begin at `start`.
     fn handle<C: Class>(self, start: usize) -> Self::Handle<C>;
@@ -162,8 +162,8 @@ impl<D: Shape> Spec<D> {
         self
     }
 
-    /// Descriptions that say which quantity of the plant each element is about: `text` with its name in place of `{}`. Where
-    /// no names are known, the common description stays.
+    /// Sets descriptions that name the quantity of the plant that each element is about: `text` with its name in place
+    /// of `{}`. If no names are known, the common description stays.
     pub fn about(mut self, quantities: &[String], text: &str) -> Self {
         if !quantities.is_empty() {
             self.description = quantities.iter().map(|quantity| text.replace("{}", quantity)).collect();
@@ -193,7 +193,7 @@ impl<D: Shape> Spec<D> {
         self
     }
 
-    /// Where the equation of it, or of its rate, is from: "Hashim (3.2)". C sources cite it there.
+    /// Sets the source of the equation of it, or of its rate, e.g. "Hashim (3.2)". C sources cite it there.
     pub fn source(mut self, source: &'static str) -> Self {
         self.source = source;
         self
@@ -211,7 +211,7 @@ impl<D: Shape> Spec<D> {
         self
     }
 
-    /// Only values above zero are allowed.
+    /// Allows values above zero only.
     pub fn positive(mut self) -> Self {
         self.min = Some(0.0);
         self.above_min = true;

@@ -160,11 +160,11 @@ fn resized(values: &[f64], [from, to]: [Naming; 2], beyond: Beyond) -> Vec<f64> 
     (0..new_rows * new_columns).map(element).collect()
 }
 
-/// The variable with the place of an element, if it has one of this name beside its own.
+/// The variable with the place of an element, if it has one of this name in addition to its own.
 fn element<'a>(variable: &'a mut Variable, name: &str) -> Option<(&'a mut Variable, usize)> {
     let is_users = variable.given.iter().any(|given| given.as_deref() == Some(name));
     let has_indices = name.strip_prefix(variable.name.as_str()).is_some_and(|indices| indices.starts_with('['));
-    // Before names are made of all elements, of which there may be many.
+    // Checked before all names are built, of which there may be many.
     if variable.naming == Naming::Scalar || !(is_users || has_indices) {
         return None;
     }

@@ -10,9 +10,9 @@ use super::names::Named;
 use super::{Scalar, Section};
 use crate::scalar::Changed;
 
-/// What a variable is in the equations; it decides where in the block the value lies.
+/// Class of a variable in the equations; it decides where in the block the value is.
 pub trait Class: Copy + 'static {
-    /// Where the values lie.
+    /// Section of the values.
     const SECTION: Section;
 }
 
@@ -33,13 +33,13 @@ pub mod class {
     classes! {
         /// A number of the user's: tunable, or fixed for a simulation.
         Parameter,
-        /// What depends on parameters alone; written by `prepare` and `relate`.
+        /// A value that depends on parameters only; written by `prepare` and `relate`.
         Prepared,
-        /// What comes from outside.
+        /// A value from outside.
         Input,
         /// A continuous state; its derivative is written by `derivatives`.
         State,
-        /// What changes at events only.
+        /// A value that changes at events only.
         Discrete,
         /// An input of a composite's part.
         Connected,
@@ -47,12 +47,12 @@ pub mod class {
         Signal,
         /// The time derivative of a state.
         Derivative,
-        /// What the simulation itself remembers between steps.
+        /// Memory of the simulation itself between steps.
         Memory
     }
 }
 
-/// Where in its section a handle's values lie.
+/// Place of a handle's values in its section.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Span {
     /// The section of the block.
@@ -64,7 +64,7 @@ pub struct Span {
 }
 
 impl Span {
-    /// As a range relative to the section.
+    /// The range relative to the section.
     pub fn range(self) -> Range<usize> {
         self.start..self.start + self.len
     }
@@ -72,7 +72,7 @@ impl Span {
 
 /// Anything that names values of the block.
 pub trait Handle {
-    /// Where they lie.
+    /// Place of the values.
     fn span(&self) -> Span;
 }
 
@@ -250,9 +250,9 @@ pub trait DiscreteHandle: Copy {
     type Value<S: Scalar>;
     /// Section, and place in it.
     fn place(self) -> (Section, usize);
-    /// From the stored integer.
+    /// Converts from the stored integer.
     fn decode<S: Scalar>(stored: S::Integer) -> Self::Value<S>;
-    /// To the stored integer.
+    /// Converts to the stored integer.
     fn encode<S: Scalar>(value: Self::Value<S>) -> S::Integer;
 }
 
@@ -295,16 +295,17 @@ impl<C: Class, E: Choice> DiscreteHandle for ChoiceOf<C, E> {
     }
 }
 
-/// Where each section of a system's own part of the block begins.
+/// Begin of each section in a system's own part of the block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Offsets {
-    /// Of real values.
+    /// Sections of real values.
     pub real: [usize; Section::COUNT],
-    /// Of integers, Booleans and choices.
+    /// Sections of integers, Booleans and choices.
     pub integer: [usize; Section::COUNT],
 }
 
-/// What equations read: parameters, prepared values, inputs, states, discrete values and, in `derivatives`, signals.
+/// Values that equations read: parameters, prepared values, inputs, states, discrete values and, in `derivatives`,
+/// signals.
 #[derive(Debug)]
 pub struct Values<'a, S: Scalar> {
     pub(super) reals: &'a [S],
@@ -330,8 +331,8 @@ impl<'a, S: Scalar> Values<'a, S> {
         &self.reals[start..start + span.len]
     }
 
-    /// The name of a variable or of one element, for a text that is told to users: the one that they gave it, where they
-    /// did. It stands in the text as a reference until the text leaves.
+    /// The name of a variable or of one element, for texts that users read: their own, if they gave it one. The text
+    /// contains it as a reference until it leaves.
     pub fn name(&self, handle: impl Named) -> String {
         self.offsets.name(&handle)
     }
@@ -377,21 +378,21 @@ impl<S: Scalar, C: Class> Index<VectorOf<C>> for Values<'_, S> {
     }
 }
 
-/// What equations write: one section of the block.
+/// Values that equations write: one section of the block.
 #[derive(Debug)]
 pub struct Written<'a, S, C> {
     pub(super) section: &'a mut [S],
     pub(super) class: PhantomData<C>,
 }
 
-/// What `outputs` writes.
+/// Values that `outputs` writes.
 pub type Signals<'a, S> = Written<'a, S, class::Signal>;
-/// What `derivatives` writes, by the handle of the state.
+/// Values that `derivatives` writes, by the handle of the state.
 pub type Rates<'a, S> = Written<'a, S, class::Derivative>;
 
 /// The handles by which a section is written.
 pub trait WrittenBy<C> {
-    /// Where the values go, relative to the section.
+    /// Place of the values, relative to the section.
     fn place(&self) -> Range<usize>;
 }
 

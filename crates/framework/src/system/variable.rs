@@ -49,22 +49,22 @@ pub enum Causality {
     Input,
     /// Gets connected.
     Output,
-    /// For inspection.
+    /// Visible for inspection.
     Local,
-    /// Not shown at all.
+    /// Never shown.
     Hidden,
 }
 
-/// When a variable may change.
+/// Times at which a variable may change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Variability {
     /// Never: a parameter that a unit was designed with.
     Constant,
-    /// Before the simulation only.
+    /// Changes before the simulation only.
     Fixed,
-    /// Between communication steps, by the user.
+    /// Changes between communication steps, by the user.
     Tunable,
-    /// At events.
+    /// Changes at events.
     Discrete,
     /// Always.
     Continuous,
@@ -138,7 +138,7 @@ impl Data {
     }
 }
 
-/// How elements of a variable are named.
+/// Naming of a variable's elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Naming {
     /// `name`
@@ -151,7 +151,7 @@ pub enum Naming {
     Diagonal(usize),
 }
 
-/// How a person wants to see the values of a variable.
+/// Display of a variable's values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Shown {
     /// True if [`NO_LIMIT`] stands for none.
@@ -163,7 +163,7 @@ pub struct Shown {
 /// The magnitude of a limit that is none: FMI needs a finite number.
 pub const NO_LIMIT: f64 = 1e15;
 
-/// How the description of a variable ends for which [`NO_LIMIT`] stands for none.
+/// End of the description of a variable for which [`NO_LIMIT`] means none.
 pub const TELLS_NO_LIMIT: &str = " (1e15: no limit)";
 
 /// A declared variable: a scalar, a vector or a matrix.
@@ -173,11 +173,11 @@ pub struct Variable {
     pub name: String,
     /// A user's own names of its elements, as they are stored; empty where none has one.
     pub given: Vec<Option<String>>,
-    /// What it is; one text for all, or one an element.
+    /// Description; one text for all, or one an element.
     pub description: Vec<String>,
-    /// How a person wants to see its values.
+    /// Display of its values.
     pub shown: Shown,
-    /// Where the equation of it, or of its rate, is from; empty where none is told.
+    /// Source of the equation of it, or of its rate; empty if none is given.
     #[serde(skip)]
     pub source: &'static str,
     /// Its class.
@@ -188,9 +188,9 @@ pub struct Variable {
     pub naming: Naming,
     /// Role.
     pub causality: Causality,
-    /// When it changes.
+    /// Times at which it changes.
     pub variability: Variability,
-    /// Of a signal whose error counts as an output's, though nobody sees it: where in its section that output begins.
+    /// Begin in its section of the output whose error a hidden signal's error counts as.
     #[serde(skip)]
     pub behind: Option<usize>,
     /// Type, start value, unit, limits.
@@ -212,7 +212,8 @@ impl Variable {
         self.len() == 0
     }
 
-    /// True if integration controls its error beside those of states: a continuous output, or what counts as one.
+    /// True if integration controls its error in addition to those of states: a continuous output, or what counts as
+    /// one.
     fn is_controlled(&self) -> bool {
         let is_continuous = self.section == Section::Signal && self.variability == Variability::Continuous;
         is_continuous && self.is_real() && (self.behind.is_some() || self.causality == Causality::Output)
@@ -267,7 +268,7 @@ impl<'a> Element<'a> {
         }
     }
 
-    /// What it is: elements that share a text are told apart by their places.
+    /// Its description; elements that share a text are distinguished by their places.
     pub fn description(&self) -> Cow<'a, str> {
         let (text, place) = self.text_and_place();
         let limit = if self.variable.shown.no_limit { TELLS_NO_LIMIT } else { "" };
@@ -340,13 +341,13 @@ fn pick<T>(entries: &[T], index: usize) -> Option<&T> {
 #[derive(Debug, Clone, Default)]
 pub struct Variables {
     pub(super) list: Vec<Variable>,
-    /// What each event indicator watches; an empty text where it has no name.
+    /// Name of the quantity that each event indicator watches; empty if it has none.
     pub(super) indicators: Vec<String>,
     /// Warnings: category and description. Each has a flag in the integers' memory.
     pub(super) warnings: Vec<(&'static str, &'static str)>,
-    /// The flag in the integers' memory that tells a system that it is stepped, if it asked for it.
+    /// Place of the flag in the integers' memory by which a system knows that it is stepped, if it asked for it.
     pub(super) stepped: Option<usize>,
-    /// How many variables are the system's own; those that every model has come after them.
+    /// Number of the system's own variables; those that every model has come after them.
     pub(super) own: usize,
     /// The clocks of sampled laws, by places among the discrete reals.
     pub(super) clocks: Vec<SamplingClock<usize>>,
@@ -364,7 +365,7 @@ impl Variables {
         self.place_sections();
     }
 
-    /// Where elements stand by their names, found when the first is asked for: an instance that is only run asks for none.
+    /// Places of elements by their names, found at the first call: an instance that is only run needs none.
     fn by_name(&self) -> &HashMap<String, (usize, usize)> {
         self.by_name.get_or_init(|| {
             let elements = |(index, variable): (usize, &Variable)| {
@@ -386,7 +387,7 @@ impl Variables {
         self.offsets = Offsets { real: running(&self.real_sizes), integer: running(&self.integer_sizes) };
     }
 
-    /// Place, among all integers, of the flag that tells the system that it is stepped by a master of co-simulation.
+    /// Place, among all integers, of the flag by which the system knows that a master of co-simulation steps it.
     pub fn stepped(&self) -> Option<usize> {
         self.stepped.map(|place| self.integers(Section::Memory).start + place)
     }
@@ -426,8 +427,8 @@ impl Variables {
         self.by_name().get(name).map(|&(index, offset)| self.list[index].element(offset))
     }
 
-    /// Whose errors integration controls beside those of states: the place of each, that of the output whose magnitude they
-    /// count in, and its nominal value.
+    /// Signals whose errors integration controls in addition to those of states: the place of each, that of the output
+    /// whose magnitude they count in, and its nominal value.
     pub fn controlled(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
         let signals = self.reals(Section::Signal).start;
         let starting_at =
@@ -444,13 +445,13 @@ impl Variables {
         offsets[element.variable.section as usize] + element.place()
     }
 
-    /// How many values there are, and where sections begin.
+    /// Number of values, and begin of each section.
     pub fn layout(&self) -> Layout {
         let (reals, integers) = (self.reals(Section::Memory).end, self.integers(Section::Memory).end);
         Layout { reals, integers, offsets: self.offsets, indicators: self.indicators.len() }
     }
 
-    /// Where sections begin.
+    /// Begin of each section.
     pub fn offsets(&self) -> &Offsets {
         &self.offsets
     }
@@ -486,7 +487,7 @@ impl Variables {
         (&self.list, &self.indicators, &self.warnings)
     }
 
-    /// What each event indicator watches; an empty text where it has no name.
+    /// Name of the quantity that each event indicator watches; empty if it has none.
     pub fn indicators(&self) -> &[String] {
         &self.indicators
     }

@@ -1,4 +1,4 @@
-//! Which value each input of a part is taken from.
+//! Source of each input of a part.
 
 use std::collections::HashMap;
 

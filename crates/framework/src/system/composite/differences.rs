@@ -108,7 +108,7 @@ pub(super) fn redirect(links: Vec<Link>, parts: &[Part], d: &Declaration) -> Vec
 }
 
 impl Composite {
-    /// Where states stand, and where the part keeps them.
+    /// Places of states, and of the parts' own copies of them.
     fn moved(&self, whole: &Offsets) -> impl Iterator<Item = (std::ops::Range<usize>, usize)> {
         let (state, connected) = (whole.real[Section::State as usize], whole.real[Section::Connected as usize]);
         let len = move |k: usize| {
@@ -158,7 +158,7 @@ impl Composite {
         }
     }
 
-    /// Before the start, a part's own states have their declared start values.
+    /// Gives parts their declared start values as own states before the start.
     pub(super) fn declared_own_states<S: Scalar>(&self, reals: &mut [S], whole: &Offsets) {
         self.moved(whole).for_each(|(states, own)| reals.copy_within(states, own));
     }

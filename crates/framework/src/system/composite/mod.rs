@@ -28,14 +28,14 @@ use schedule::Step;
 /// The most parts of a composite.
 const MOST_PARTS: usize = 1000;
 
-/// What a composite is made of.
+/// Structure of a composite.
 #[derive(Debug, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Structure {
     /// The systems that it consists of.
     parts: Vec<PartDescription>,
-    /// From an output to an input, as `part.variable[i]`.
+    /// Connections from an output to an input, as `part.variable[i]`.
     #[serde(default)]
     connections: Vec<(String, String)>,
 }
@@ -47,9 +47,9 @@ pub struct Structure {
 pub(crate) struct PartDescription {
     /// Its name, which stands before those of its variables.
     name: String,
-    /// Which system it is.
+    /// Name of its kind of system.
     model: String,
-    /// What its variables depend on.
+    /// Structure of the part, on which its variables depend.
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<String, serde_json::Value>"))]
     structure: toml::Table,
@@ -71,11 +71,11 @@ struct Part {
     name: Arc<str>,
     kind: Kind,
     system: Box<dyn DynSystem>,
-    /// Where its values begin in the composite's sections.
+    /// Begin of its values in the composite's sections.
     base: Offsets,
     /// Its event indicators among all.
     indicators: Range<usize>,
-    /// Where its states stand among the connected values, if the composite integrates others in their place.
+    /// Place of its own states among the connected values, if the composite integrates others in their place.
     own_states: Option<usize>,
 }
 
@@ -91,7 +91,7 @@ impl Part {
         own
     }
 
-    /// Calls the part with its own view of a point; what it logs and refuses is told as the part's.
+    /// Calls the part with its own view of a point; messages and refusals get the part's name.
     fn with<S: Scalar, T>(&self, v: &mut Point<S>, call: impl FnOnce(&dyn DynSystem, &mut Point<S>) -> T) -> T {
         let offsets = self.offsets(v.offsets);
         let mut log = MessageLog::of_part(&self.name, v.log);
@@ -269,7 +269,7 @@ impl<S: Compiled> Equations<S> for Composite {
         }
     }
 
-    /// Only the parts whose event it is are told of it.
+    /// Calls only the parts whose event it is.
     fn event(&self, t: S, crossed: &[S::Flag], v: &mut Point<S>) {
         self.each(v, |part, v| {
             let crossed = &crossed[part.indicators.clone()];

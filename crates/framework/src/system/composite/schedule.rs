@@ -21,17 +21,17 @@ pub(super) enum Step {
     Evaluate(usize),
 }
 
-/// Where the parts' values of one section begin and end.
+/// Ranges of the parts' values in one section.
 pub(super) fn ranges(parts: &[Part], section: Section, d: &Variables) -> Vec<std::ops::Range<usize>> {
     let begin = |base: &Offsets| base.real[section as usize];
     let end = |k: usize| parts.get(k + 1).map_or(d.real_sizes[section as usize], |next| begin(&next.base));
     parts.iter().enumerate().map(|(k, part)| begin(&part.base)..end(k)).collect()
 }
 
-/// What is known at some point of the schedule.
+/// Known values at some point of the schedule.
 struct Progress<'a> {
     links: &'a [Link],
-    /// The connected values that each signal follows from at once.
+    /// The connected values that each signal directly follows from.
     follows_from: Vec<Vec<usize>>,
     inputs: Vec<std::ops::Range<usize>>,
     signals: Vec<std::ops::Range<usize>>,

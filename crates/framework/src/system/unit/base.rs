@@ -190,7 +190,7 @@ const PREFIXES: &[(&str, i32)] = &[
 
 /// The largest exponent of a unit.
 const LARGEST_EXPONENT: i32 = 20;
-/// How deep parentheses may lie.
+/// Deepest nesting of parentheses.
 const DEEPEST: usize = 8;
 
 impl Base {

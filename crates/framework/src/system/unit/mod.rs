@@ -1,4 +1,4 @@
-//! Units of measurement: any text is one; what it is in base units is told where it is known.
+//! Units of measurement: any text is one; its value in base units is given if it is known.
 
 mod base;
 
@@ -14,7 +14,7 @@ use crate::error::Invalid;
 pub struct Unit {
     /// Its symbol.
     pub symbol: &'static str,
-    /// What it is in base units, where that is known.
+    /// Value in base units, if known.
     pub base: Option<Base>,
     /// A unit for display.
     pub display: Option<DisplayUnit>,
@@ -164,7 +164,7 @@ fn common(symbol: &str) -> Option<&'static Common> {
     COMMON.iter().find(|common| common.symbol == symbol)
 }
 
-/// A text that stays as long as the program runs: descriptions give few, and each is kept once.
+/// A text that stays as long as the program runs: descriptions give few, and each is stored once.
 fn kept(text: &str) -> &'static str {
     static TEXTS: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
     if let Some(common) = common(text) {
