@@ -1,9 +1,9 @@
-//! Standard output and error stream: how much is told there, and in which colours. `println!` panics where nobody reads or the
-//! disk is full; these macros note it, the command goes on to its end (files are whole, temporary ones gone), and [`ended`]
-//! tells of it once.
+//! Standard output and error stream: level of detail, and colours. `println!` panics if nobody reads or the disk is
+//! full. These macros note that, the command goes on to its end (files are whole, temporary ones gone), and [`ended`]
+//! reports it once.
 //!
-//! Where this program serves another, all that is printed goes to that one, as messages: JSON texts, each a line with a record
-//! separator in front (RFC 7464). What a unit writes to standard output beside them has none.
+//! When this program serves another, everything printed goes to that one, as messages: JSON texts, each a line with a
+//! record separator in front (RFC 7464). Other output of an FMU to standard output has none.
 
 use std::fmt::Arguments;
 use std::io::{self, ErrorKind, IsTerminal, Write};
@@ -15,15 +15,15 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
 
-/// What kept standard output from being written.
+/// Error that prevented writing to standard output.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
 
-/// How much is told beside results and errors.
+/// Level of detail, apart from results and errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Detail {
     /// Nothing.
     Quiet,
-    /// What a user should know.
+    /// Notes for the user.
     Usual,
     /// Also what is decided on the way.
     Verbose,
@@ -31,7 +31,7 @@ pub enum Detail {
 
 static DETAIL: AtomicU8 = AtomicU8::new(Detail::Usual as u8);
 
-/// What a line on the error stream begins with, with its colour there.
+/// Labels of lines on the error stream, with their colours.
 const LABELS: [(&str, Style); 2] =
     [(ERROR, AnsiColor::Red.on_default().bold()), (WARNING, AnsiColor::Yellow.on_default().bold())];
 const ERROR: &str = "error:";
@@ -67,12 +67,12 @@ macro_rules! detail {
     ($($text:tt)*) => { $crate::console::note_line($crate::console::Detail::Verbose, format_args!($($text)*)) };
 }
 
-/// From now on, so much is told.
+/// Sets the level of detail.
 pub fn set_detail(detail: Detail) {
     DETAIL.store(detail as u8, Ordering::Relaxed);
 }
 
-/// True if as much as this is told.
+/// True if this level of detail is printed.
 pub fn tells(detail: Detail) -> bool {
     detail as u8 <= DETAIL.load(Ordering::Relaxed)
 }
@@ -82,7 +82,7 @@ pub fn is_seen() -> bool {
     tells(Detail::Usual) && !serves() && io::stdout().is_terminal()
 }
 
-/// From now on, what is printed goes to the program that is served.
+/// Sends everything printed to the program that is served from now on.
 pub fn serve() {
     SERVES.store(true, Ordering::Relaxed);
 }
@@ -123,7 +123,8 @@ pub fn line(text: Arguments) {
     print(|out| writeln!(out, "{text}"));
 }
 
-/// Prints a line on the error stream; see [`tell`]. Warnings are notes. Where it can't be written, nobody can be told.
+/// Prints a line on the error stream; see [`tell`]. Warnings are notes. An error in writing is ignored: there is
+/// nowhere to report it.
 pub fn error_line(text: Arguments) {
     let text = text.to_string();
     if text.starts_with(WARNING) && !tells(Detail::Usual) {
@@ -141,7 +142,7 @@ pub fn error_line(text: Arguments) {
     };
 }
 
-/// Prints a note on the error stream, where as much as this is told; see [`remark`] and [`detail`].
+/// Prints a note on the error stream, if this level of detail is printed; see [`remark`] and [`detail`].
 pub fn note_line(detail: Detail, text: Arguments) {
     if tells(detail) {
         error_line(text);
@@ -156,13 +157,13 @@ fn print(write: impl FnOnce(&mut dyn Write) -> io::Result<()>) {
     }
 }
 
-/// Notes what kept another from printing.
+/// Notes the error that prevented another from printing.
 pub fn note(printed: io::Result<()>) {
     print(|_| printed);
 }
 
-/// The exit code of a command that ended with one. A reader who has seen enough changes nothing; a disk that is full, or
-/// any other failure, is told, and a command that was done counts as one that couldn't be.
+/// Returns the exit code of a finished command. If the reader closed its end, that is no error. A full disk or any
+/// other failure is reported, and makes the exit code that of a failure.
 pub fn ended(code: ExitCode) -> ExitCode {
     print(|out| out.flush());
     let failure = FAILURE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());

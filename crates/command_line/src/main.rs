@@ -91,7 +91,7 @@ enum Command {
 /// The longest message, in characters.
 const LONGEST_MESSAGE: usize = 4000;
 
-/// The shared library that goes into FMUs. A build for tests does without: it takes what lies beside it.
+/// The shared library that goes into FMUs. A build for tests has none: it uses the one next to it.
 #[cfg(not(debug_assertions))]
 static LIBRARY: Option<&[u8]> = adaptive_fmu_embedded::library!(adaptive_fmu_library);
 #[cfg(debug_assertions)]
@@ -114,7 +114,7 @@ fn main() -> ExitCode {
     console::ended(code)
 }
 
-/// What the words of a command line ask for. A value may be a negative number, whatever option or place it is for.
+/// Parses the words of a command line. A value may be a negative number, whatever option or place it is for.
 fn parsed(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Arguments, clap::Error> {
     let mut command = taking_negative_numbers(command::help::arranged(Arguments::command()));
     let mut found = command.try_get_matches_from_mut(words)?;
@@ -132,7 +132,7 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     names.into_iter().fold(command, |command, name| command.mut_subcommand(name, taking_negative_numbers))
 }
 
-/// What a command line asks for, for a program that is served.
+/// Runs a command line for a program that is served.
 fn answer(words: &[String]) -> ExitCode {
     match parsed(words) {
         Ok(arguments) => run(arguments),

@@ -1,7 +1,7 @@
 //! The shared library that cargo builds together with a program, as bytes within that program.
 //!
 //! A package whose library is an `rlib` and a `cdylib` gets both from one call of the compiler, before its program is
-//! compiled. The program is handed the `rlib`; the shared library lies beside that.
+//! compiled. The program gets the `rlib`; the shared library is in the same folder.
 #![deny(missing_docs)]
 
 use std::env;
@@ -17,15 +17,15 @@ use proc_macro::TokenStream;
 pub fn library(name: TokenStream) -> TokenStream {
     let name = name.to_string();
     let found = dependency(&name, env::args()).and_then(|file| beside(&file, &name));
-    // `include_bytes` also tells cargo that the program follows from that file.
+    // `include_bytes` also makes cargo rebuild the program when that file changes.
     let code = found.map_or("None".to_owned(), |file| format!("Some(include_bytes!({file:?}))"));
     code.parse().unwrap_or_default()
 }
 
-/// The file of a dependency, as the compiler is told: `--extern name=file`. None where it holds no code.
+/// Finds the file of a dependency in the compiler's arguments: `--extern name=file`. None if it contains no code.
 fn dependency(name: &str, arguments: impl Iterator<Item = String>) -> Option<PathBuf> {
     let arguments = arguments.flat_map(|argument| match argument.strip_prefix('@') {
-        // Where they are too long for the system they stand in a file, one a line.
+        // Arguments that are too long for the system are in a file, one a line.
         Some(file) => fs::read_to_string(file).unwrap_or_default().lines().map(str::to_owned).collect(),
         None => vec![argument],
     });
@@ -36,7 +36,7 @@ fn dependency(name: &str, arguments: impl Iterator<Item = String>) -> Option<Pat
     files.into_iter().find(|file| file.extension() == Some(OsStr::new("rlib")))
 }
 
-/// The shared library beside the other form of a library.
+/// Finds the shared library next to the other form of a library.
 fn beside(rlib: &Path, name: &str) -> Option<PathBuf> {
     let hashed = rlib.file_stem()?.to_str()?.strip_prefix("lib")?.to_owned();
     // Of packages that are no workspace's own, cargo gives it the same suffix.

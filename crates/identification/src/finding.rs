@@ -51,7 +51,7 @@ pub enum Kind {
 pub struct Finding {
     /// Its subject.
     pub kind: Kind,
-    /// How it is judged.
+    /// Verdict.
     pub verdict: Verdict,
     /// The finding for people.
     pub text: String,

@@ -61,9 +61,9 @@ impl HeldOut {
 /// Effects on a plant that its model lacks.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Disturbance {
-    /// As an input, in units of the data.
+    /// Effects as an input, in units of the data.
     pub matched: Vec<f64>,
-    /// As derivatives that no input can cause, by rows, in units of the data.
+    /// Effects as derivatives that no input can cause, by rows, in units of the data.
     pub unmatched: Vec<f64>,
     /// Start of each window (segment, row), and the disturbance as an input there.
     pub course: Vec<(Window, Vec<f64>)>,

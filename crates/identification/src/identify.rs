@@ -1,4 +1,4 @@
-//! From records to a model, where all states are measured.
+//! Identification of a model from records, with all states measured.
 
 use nalgebra::DMatrix;
 

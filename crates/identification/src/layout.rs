@@ -125,7 +125,7 @@ impl Continuous {
         }
     }
 
-    /// In units of the data, time in s.
+    /// Converts to units of the data, time in s.
     pub fn physical(&self, scaling: &Scaling) -> Self {
         let of = |place: Place| self.get(place) * factor(place, scaling);
         let (n, m) = self.b.shape();

@@ -1,4 +1,4 @@
-//! From records to a linear model with the uncertainty that the data leave.
+//! Identification of a linear model from records, with the uncertainty that the data leave.
 //!
 //! # Way of a record
 //!

@@ -10,7 +10,7 @@ use crate::model::{Free, Model};
 /// Points in a decade, and in all at most.
 const PER_DECADE: f64 = 40.0;
 const MOST_DECADES: f64 = 8.0;
-/// Below the slowest pole by this factor.
+/// Factor from the lowest frequency to the slowest pole.
 const BELOW: f64 = 10.0;
 /// Poles below this part of the fastest are at rest.
 const NEGLIGIBLE: f64 = 1e-6;

@@ -21,7 +21,7 @@ pub(crate) struct Results {
     /// Fits of the part that is estimated from.
     pub own: Option<HeldOut>,
     pub disturbed: Disturbance,
-    /// In 1/s.
+    /// Poles, in 1/s.
     pub poles: Vec<Pole>,
 }
 

@@ -10,7 +10,7 @@ use crate::linear::exponential;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Hold {
-    /// As in the row before: what a digital controller writes.
+    /// Value of the row before (zero-order hold), as a digital controller writes it.
     #[default]
     ZeroOrder,
     /// Linear: inputs that were measured.

@@ -9,12 +9,12 @@ use crate::record::Signals;
 /// An entry of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Entry {
-    /// To be estimated.
+    /// Estimated.
     #[default]
     Free,
-    /// To be estimated, not below 0.
+    /// Estimated, not below 0.
     Positive,
-    /// To be estimated, not above 0.
+    /// Estimated, not above 0.
     Negative,
     /// Known, in units of the data.
     Known(f64),

@@ -1,10 +1,10 @@
-//! The checksum of what a crate is made of, which its libraries tell. Build scripts call it.
+//! The checksum of a crate's sources, which its libraries report. Build scripts call it.
 
 use std::fs;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
-/// Tells a crate, as `ADAPTIVE_FMU_SOURCE`, the checksum of files and of all files in folders.
+/// Sets `ADAPTIVE_FMU_SOURCE` for a crate: the checksum of files and of all files in folders.
 pub fn tell(places: &[impl AsRef<Path>]) {
     let mut hasher = DefaultHasher::new();
     for place in places.iter().map(AsRef::as_ref) {
@@ -24,7 +24,7 @@ fn hash(path: &Path, hasher: &mut DefaultHasher) {
     }
 }
 
-/// What lies in a folder, in the order of the names.
+/// Entries of a folder, in the order of the names.
 pub fn entries(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
     paths.sort();

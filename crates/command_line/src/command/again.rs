@@ -17,10 +17,10 @@ use super::results::{self, TableOptions};
 use super::run::{self, Arguments};
 use crate::console;
 
-/// What results of a repeated run are kept under.
+/// Tag of a repeated run's results.
 const TAG: &str = "again";
 
-/// Runs it with the settings that its results tell, and says what differs. The earlier results stay.
+/// Runs it with the settings stored in its results, and prints the differences. The earlier results stay.
 pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> {
     let earlier = results::earlier(folder)?;
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };

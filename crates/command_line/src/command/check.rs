@@ -18,7 +18,7 @@ use serde_json::json;
 use super::number::positive;
 use super::workers;
 
-/// Columns of names, and of values where the note stands beside them.
+/// Widths of the columns of names, and of values that have a note in the same line.
 const NAME: usize = 34;
 const VALUE: usize = 30;
 /// An output that ends farther from its reference, in parts of it, is worth a word.
@@ -60,7 +60,7 @@ pub struct Arguments {
     job: Option<String>,
 }
 
-/// Prints the report; the exit code tells whether the design is sound.
+/// Prints the report; the exit code shows whether the design is sound.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { name, library, json, .. } = arguments;
     let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
@@ -99,7 +99,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     Ok(exit_code(&unit.report))
 }
 
-/// Adds what the loop of the FMUs does where the report can't tell: for kinds whose loop isn't linear, and where limits act.
+/// Adds results of the FMUs' loop that the report lacks: for kinds whose loop isn't linear, and where limits act.
 fn run_loop(source: &Source, report: &mut DesignReport) {
     let is_beyond = |finding: &Finding| finding.name.starts_with("range of ") && finding.verdict == Verdict::Warning;
     let acts = report.findings.iter().any(is_beyond);

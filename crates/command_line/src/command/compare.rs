@@ -18,7 +18,7 @@ use super::run::{self, Run, exit_code};
 use super::specification::{Labelled, Specification};
 use crate::console;
 
-/// Where the common page goes.
+/// Folder of the common page.
 const FOLDER: &str = "comparison";
 const PAGE: &str = "index.html";
 
@@ -43,7 +43,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// What is shown of one of them.
+/// A run to be compared.
 enum Compared {
     Made(Box<Run>),
     Earlier(Box<RecordedRun>, PathBuf),
@@ -71,7 +71,7 @@ impl Compared {
     }
 }
 
-/// Runs the loops on all cores, each as it is run alone, and writes a page of what all of them measure.
+/// Runs the loops on all cores, each as `run` does, and writes a page with the measurements of all of them.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { runs, out, options, open, json } = arguments;
     output::check(out, FOLDER, &[PAGE])?;

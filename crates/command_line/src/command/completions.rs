@@ -8,7 +8,7 @@ use clap_complete::Shell;
 
 use crate::console;
 
-/// What an argument names; a path may stand in its place.
+/// Kind of names that an argument takes; a path is allowed, too.
 #[derive(Clone, Copy, PartialEq)]
 enum Names {
     Loops,
@@ -73,7 +73,7 @@ pub fn script(shell: Shell, command: &clap::Command) -> String {
     }
 }
 
-/// The script for zsh, in which files are offered beside names.
+/// The script for zsh, in which files are offered in addition to names.
 fn with_files(script: String) -> String {
     let mut functions = String::new();
     let mut script = script;
@@ -89,7 +89,7 @@ fn with_files(script: String) -> String {
     script
 }
 
-/// Lines for fish, whose script holds no names of arguments that go by their place. It offers files beside them.
+/// Lines for fish, whose script lacks the names of positional arguments. It offers files, too.
 fn of_positions(name: &str) -> String {
     let by_place = NAMED.iter().filter(|(_, argument, _)| BY_PLACE.contains(argument));
     let line = |(subcommand, _, names): &(&str, &str, Names)| {

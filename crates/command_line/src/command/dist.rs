@@ -11,7 +11,7 @@ use serde_json::json;
 use super::{completions, manual};
 use crate::console;
 
-/// Where shells look for completions.
+/// Places where shells look for completions.
 const COMPLETIONS: [(Shell, &str); 3] = [
     (Shell::Bash, "bash-completion/completions/adaptive-fmu"),
     (Shell::Zsh, "zsh/site-functions/_adaptive-fmu"),

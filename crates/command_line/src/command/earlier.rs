@@ -1,4 +1,4 @@
-//! Results of an earlier call of the same command in the same folder: continued, replaced, or stored beside new ones.
+//! Results of an earlier call of the same command in the same folder: continued, replaced, or stored next to new ones.
 
 use std::path::Path;
 

@@ -22,10 +22,10 @@ use super::open;
 use super::parameters::Parameters;
 use super::progress::{Bars, is_interrupted};
 
-/// How often it is looked whether the user wants to end.
+/// Interval at which the program checks whether the user wants to end.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What is about a page that a server answers.
+/// Options for a page that a server answers.
 const SERVED: [&str; 17] = [
     "separate",
     "composite",
@@ -116,8 +116,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Opens the page by a file that leads to it: what a program is given stands in the list of processes, where anybody on this
-/// machine could read the token. The file, for its user alone, is removed with its folder.
+/// Opens the page by a file that leads to it: the list of processes shows a program's arguments, where anybody on this
+/// machine could read the token. Only its user can read the file, which is removed with its folder.
 fn opened(url: &str) -> Result<Scratch, Error> {
     let folder = Scratch::new()?;
     let text = format!(
@@ -151,7 +151,7 @@ fn written(arguments: &Arguments, library: &Path) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The loop, ready to run: as it is, and with each of the cases that lie beside it.
+/// The loop, ready to run: as it is, and with each of the cases next to it.
 fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
     let (options, structure, mut notes) = form(arguments, files)?;
     let fine = options.settings(&structure)?;
@@ -166,7 +166,7 @@ fn session(arguments: &Arguments, files: &LoopFiles) -> Result<Session, Error> {
         .with_terminals(options.terminals))
 }
 
-/// As one unit where that can be, unless the user says otherwise; with what is to be known of it.
+/// Chooses a single FMU if possible, unless the user asks for separate ones; with notes for the user.
 fn form(arguments: &Arguments, files: &LoopFiles) -> Result<(LoopOptions, Structure, Vec<String>), Error> {
     let options = arguments.options.clone();
     let structure = options.structure(files)?;

@@ -16,8 +16,8 @@ pub struct Form {
 }
 
 impl Form {
-    /// As one continuous system, fast, where nobody asks for something else and the loop can be one; with a tolerance, where
-    /// one is given and the user gives none.
+    /// Chooses one continuous system, which is fast, if the user asks for nothing else and the loop allows it; with
+    /// this tolerance, if one is given and the user gives none.
     pub fn of(asked: &LoopOptions, separate: bool, files: &LoopFiles, tolerance: Option<f64>) -> Result<Self, Error> {
         let options = asked.clone();
         let structure = options.structure(files)?;

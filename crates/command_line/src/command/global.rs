@@ -1,4 +1,4 @@
-//! Options of every command: how much is told, and how much is done at a time.
+//! Options of every command: level of detail, and number of parallel jobs.
 
 use std::num::NonZeroUsize;
 
@@ -24,7 +24,7 @@ pub struct GlobalOptions {
 }
 
 impl GlobalOptions {
-    /// From now on they count.
+    /// Puts the options into force.
     pub fn apply(&self) {
         console::set_detail(match (self.quiet, self.verbose) {
             (true, _) => Detail::Quiet,

@@ -1,4 +1,4 @@
-//! Where units of other tools run.
+//! Processes for FMUs of other tools.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use adaptive_fmu::fmu::Hosting;
 
 use super::number::positive;
 
-/// How long a call may take unless asked otherwise, s.
+/// Default time limit of a call, s.
 const PATIENCE: f64 = 60.0;
 /// The shortest and the longest patience, s: a millisecond, and a year.
 const SHORTEST: f64 = 1e-3;
@@ -32,7 +32,7 @@ impl Default for HostingOptions {
 }
 
 impl HostingOptions {
-    /// Where they run.
+    /// The processes that they run in.
     pub fn hosting(&self) -> Result<Hosting, Error> {
         if self.in_process || !Hosting::HAS_PROCESSES {
             return Ok(Hosting::InProcess);

@@ -21,7 +21,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Prints what an FMU says of itself.
+/// Prints information about an FMU.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let fmu = &arguments.fmu;
     if fmu.extension().is_none_or(|extension| extension != "fmu") {
@@ -39,15 +39,15 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// What lies in the archive beside the modelDescription.xml.
+/// Content of the archive, apart from the modelDescription.xml.
 struct Contents {
-    /// The description that it was made from, and how its library was built; FMUs of other tools hold neither.
+    /// The description that it was generated from, and the build data of its library; FMUs of other tools have neither.
     source: Option<String>,
     build: Option<Build>,
     /// Platforms that it has binaries for, and whether it has source code.
     platforms: BTreeSet<String>,
     source_code: bool,
-    /// What the binaries ask for, by their paths.
+    /// Requirements of the binaries, by their paths.
     asked: BTreeMap<String, Asked>,
     /// Files with values of parameters.
     parameter_sets: Vec<String>,

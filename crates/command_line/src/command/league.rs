@@ -66,7 +66,7 @@ struct League {
     file: PathBuf,
     folder: PathBuf,
     out: PathBuf,
-    /// What this package's own league has beside its study lies there while it runs.
+    /// Folder with the files of this package's own league, apart from its study, while it runs.
     _unpacked: Option<Scratch>,
 }
 
@@ -289,7 +289,7 @@ impl League {
         self.out.join(plant).join(format!("{controller}.json"))
     }
 
-    /// What a bench has counted, where it has.
+    /// Numbers counted by a benchmark; empty if there are none.
     fn instructions(&self) -> Result<BTreeMap<String, f64>, Error> {
         let file = self.out.join(INSTRUCTIONS);
         if !begun::path(&file).is_file() {

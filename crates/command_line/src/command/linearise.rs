@@ -75,7 +75,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The archive as it is, or a unit that is made of a description, else of a whole loop.
+/// Opens an archive, or generates an FMU from a description or else from a whole closed loop.
 pub fn open_unit(name: &str, hosting: &Hosting) -> Result<Arc<Fmu>, Error> {
     let file = Path::new(name);
     if file.extension().is_some_and(|extension| extension == "fmu") {
@@ -108,7 +108,7 @@ fn find_loop(name: &str, fmus: &[String]) -> Result<Structure, Error> {
     files.structure()
 }
 
-/// What a script wants of it, and `new` takes for a plant.
+/// JSON for scripts, which `new` takes as a plant.
 pub fn as_json(linear: &Linearisation) -> Value {
     let Linearisation { name, time, method, trim, states, inputs, outputs, a, b, c, d, eigenvalues } = linear;
     let (steady, unique) = (trim.as_ref().is_some_and(|trim| trim.is_steady), trim.as_ref().map(Trim::is_unique));
@@ -175,7 +175,7 @@ pub fn remarks(trim: &Trim) -> Vec<String> {
     lines.into_iter().map(|line| line.trim_end().to_owned()).collect()
 }
 
-/// How it was found, in words.
+/// Text about how it was found.
 pub fn told(method: Method) -> String {
     match method {
         Method::Derivatives => "by its exact derivatives".to_owned(),

@@ -1,4 +1,4 @@
-//! Which loop, through which units, and how it is stepped: what `run` and `tune` have in common.
+//! Options of a loop, its FMUs and its stepping, common to `run` and `tune`.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,7 +60,7 @@ pub struct LoopOptions {
     pub parameters: Parameters,
     #[command(flatten)]
     pub hosting: HostingOptions,
-    /// With the linear controllers that adaptive ones tend to in their places.
+    /// True if linear controllers replace the adaptive ones that tend to them.
     #[arg(skip)]
     pub linear: bool,
 }
@@ -90,7 +90,7 @@ pub fn check_points(Settings { start_time, stop_time, step, .. }: Settings, file
     Ok(())
 }
 
-/// Where the units of a loop are.
+/// Source of a loop's FMUs.
 pub enum Units {
     /// FMUs in a folder, one each.
     Separate(PathBuf),
@@ -117,8 +117,8 @@ impl LoopOptions {
         Ok(structure)
     }
 
-    /// Refuses what is wrong with a loop, with the values that it is given, or with how it is to be stepped, as far as it is
-    /// seen without its FMUs: those that are made of descriptions are described for it.
+    /// Refuses a loop, its values or its stepping if they have errors that show without its FMUs; FMUs that are
+    /// generated from descriptions are described for it.
     pub fn check(&self, name: &str) -> Result<(), Error> {
         let structure = self.structure(&LoopFiles::find(name)?)?;
         self.settings(&structure)?;
@@ -128,7 +128,7 @@ impl LoopOptions {
         check_values(&structure, super::ready::units()?.library())
     }
 
-    /// How it is stepped.
+    /// Start, end and step of a run.
     pub fn settings(&self, structure: &Structure) -> Result<Settings, Error> {
         let settings = Settings {
             start_time: structure.start_time,
@@ -140,8 +140,8 @@ impl LoopOptions {
         Ok(settings)
     }
 
-    /// How long a run takes about, against others: by its communication points and by how much is handed over at each. Units
-    /// that are integrated together are held to a tolerance instead, which may take longest.
+    /// Relative duration of a run: by its communication points and by how much is exchanged at each. A loop that is
+    /// integrated as one system is controlled by a tolerance instead, and counts as longest.
     pub fn effort(&self, structure: &Structure) -> f64 {
         let Ok(Settings { start_time, stop_time, step, .. }) = self.settings(structure) else { return 0.0 };
         let handed = structure.connections.len() as f64 + 1.0;
@@ -149,7 +149,7 @@ impl LoopOptions {
         handed * if self.composite { time * MOST_POINTS } else { time / step }
     }
 
-    /// How a run of a loop comes to its numbers.
+    /// Origin of a run's numbers.
     pub fn provenance(
         &self,
         name: &str,
@@ -204,7 +204,7 @@ impl LoopOptions {
 }
 
 impl Units {
-    /// Loads a loop of these units; the signals that it names are recorded beside the outputs.
+    /// Loads a loop of these FMUs; the signals that it names are recorded in addition to the outputs.
     pub fn load(&self, structure: &Structure, hosting: &Hosting) -> Result<LoadedLoop, Error> {
         let loaded = match self {
             Units::Separate(fmus) => LoadedLoop::new(structure, fmus, hosting)?,

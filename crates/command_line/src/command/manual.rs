@@ -1,4 +1,4 @@
-//! `manual`: manual pages, made of the command line's own definition.
+//! `manual`: manual pages, generated from the command line's own definition.
 
 use std::path::{Path, PathBuf};
 

@@ -31,10 +31,10 @@ impl FromStr for Names {
     }
 }
 
-/// How many signals, or which ones.
+/// Number of signals, or their names.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Which {
-    /// So many.
+    /// Number of signals.
     Count(usize),
     /// Those of these names.
     Named(Names),

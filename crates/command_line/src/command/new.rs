@@ -260,7 +260,7 @@ pub fn place(file: &Path, texts: &[(PathBuf, &str, bool)]) -> Result<(), Error> 
     files.place().map_err(there_already)
 }
 
-/// Tells how a file that is there is written all the same.
+/// Adds to an error how to overwrite an existing file.
 pub fn there_already(error: Error) -> Error {
     match error {
         Error::File { file, source } if source.kind() == ErrorKind::AlreadyExists => {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use adaptive_fmu::begun;
 
-/// What opens a file by the program that the user chose for its kind.
+/// Command that opens a file with the user's program for its kind.
 #[cfg(target_os = "windows")]
 const OPENER: &[&str] = &["cmd", "/C", "start", ""];
 #[cfg(target_os = "macos")]
@@ -16,7 +16,7 @@ const OPENER: &[&str] = &["open"];
 #[cfg(not(any(target_os = "windows", target_os = "macos")))]
 const OPENER: &[&str] = &["xdg-open"];
 
-/// So long an opener that fails is waited for; one that runs on has a browser open.
+/// Time to wait for an opener to fail; one that runs on has a browser open.
 const PATIENCE: Duration = Duration::from_secs(2);
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -28,7 +28,7 @@ pub struct OpenOption {
 }
 
 impl OpenOption {
-    /// Opens the page, where that is asked for. A page that can't be opened is there all the same: a warning says why.
+    /// Opens the page, if asked for. If that fails, a warning gives the reason; the page is there nevertheless.
     pub fn show(self, page: &Path) {
         if self.open {
             show(page.as_os_str());
@@ -36,7 +36,7 @@ impl OpenOption {
     }
 }
 
-/// Opens a page or an address in the user's browser; a warning says why where that can't be.
+/// Opens a page or an address in the user's browser; a warning gives the reason if that fails.
 pub fn show(page: &OsStr) {
     if let Err(reason) = opened(page) {
         tell!("warning: could not open {} in a browser: {}: {reason}", page.display(), OPENER[0]);

@@ -24,8 +24,8 @@ static ASKED_TO_STOP: AtomicBool = AtomicBool::new(false);
 static ANSWERED: AtomicU64 = AtomicU64::new(0);
 static STOPPED: AtomicU64 = AtomicU64::new(0);
 
-/// From now on, Ctrl-C asks the run to stop at the next communication point, and a second one ends at once. So does what asks
-/// the process to end, where the system has such signals.
+/// Has Ctrl-C ask the run to stop at the next communication point, and a second one end the program immediately. So do
+/// requests of the system to end the process, where the system has such signals.
 fn listen_to_interrupts() {
     static LISTENING: Once = Once::new();
     LISTENING.call_once(|| {
@@ -42,7 +42,7 @@ fn listen_to_interrupts() {
     });
 }
 
-/// From now on, this request is answered. One that is to stop is stopped, also where that was heard first.
+/// Sets the request that is answered. A request to stop it counts even if it came first.
 pub fn answer(request: u64) {
     ANSWERED.store(request, Ordering::SeqCst);
 }
@@ -72,7 +72,7 @@ pub fn is_interrupted() -> bool {
 pub struct Bars(MultiProgress);
 
 impl Bars {
-    /// From now on, interrupts are listened to.
+    /// Returns bars, and has interrupts caught from now on.
     pub fn new(silent: bool) -> Self {
         listen_to_interrupts();
         Bars(if silent || console::serves() || !console::tells(Detail::Usual) {
@@ -108,7 +108,8 @@ impl Progress {
         Progress { bar, settings, begun: now, told: now }
     }
 
-    /// Runs until the stop time, the user's interruption or a unit's failure; what was recorded is kept in any case.
+    /// Runs until the stop time, the user's interruption or an FMU's failure; the recorded points are returned in any
+    /// case.
     pub fn watch(
         mut self,
         run: impl FnOnce(&mut dyn FnMut(f64) -> bool) -> Result<Recording, (Error, Box<Recording>)>,
@@ -151,7 +152,7 @@ impl Progress {
 pub struct Counter(ProgressBar);
 
 impl Counter {
-    /// So many runs, of which some were done before.
+    /// Returns a bar of `runs` runs, of which `done` were done before.
     pub fn new(bars: &Bars, name: &str, runs: usize, done: usize) -> Self {
         let bar = bars.0.add(ProgressBar::new(runs as u64)).with_prefix(name.to_owned());
         if let Ok(style) = ProgressStyle::with_template("{prefix:14} {bar:30} {pos} of {len} runs, {msg}, {eta} left") {
@@ -168,7 +169,7 @@ impl Counter {
         self.advance(1, message);
     }
 
-    /// So many more runs are done.
+    /// Counts `count` more runs as done.
     pub fn advance(&self, count: usize, message: &str) {
         self.0.set_message(message.to_owned());
         self.0.inc(count as u64);

@@ -1,4 +1,4 @@
-//! Units that are kept from one request to the next, where another program is served.
+//! FMUs that are cached from one request to the next when another program is served.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -9,15 +9,14 @@ static KEPT: Mutex<Option<Arc<Ready>>> = Mutex::new(None);
 /// Those that a command of many runs holds until its end.
 static HELD: Mutex<Weak<Ready>> = Mutex::new(Weak::new());
 
-/// From now on they are kept. Where none can be had, each command tells why itself.
+/// Starts caching. If no FMU can be generated, each command reports the reason itself.
 pub fn keep() {
     *KEPT.lock().unwrap_or_else(PoisonError::into_inner) = Ready::new().ok().map(Arc::new);
 }
 
-/// Those that are kept, or a place for those of this command.
+/// Returns the cached ones, or a place for those of this command.
 ///
-/// # Errors
-/// When the library that they are of isn't there, or no temporary folder can be had.
+/// # Errors Their library is missing, or no temporary folder can be created.
 pub fn units() -> Result<Arc<Ready>, Error> {
     if let Some(kept) = kept() {
         return Ok(kept);
@@ -31,7 +30,7 @@ pub fn units() -> Result<Arc<Ready>, Error> {
     Ok(units)
 }
 
-/// Those that are kept.
+/// Returns the cached ones.
 pub fn kept() -> Option<Arc<Ready>> {
     KEPT.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }

@@ -48,13 +48,13 @@ struct Planned<'a> {
     has_limit: Vec<bool>,
 }
 
-/// How a run is run.
+/// Form of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
     AsItIs,
-    /// With adaptation frozen.
+    /// Adaptation is frozen.
     Frozen,
-    /// With the linear controller that the adaptive one tends to.
+    /// The linear controller that the adaptive one tends to takes its place.
     Linear,
 }
 
@@ -118,7 +118,7 @@ impl Planned<'_> {
 fn run_all(planned: &[Planned], arguments: &Arguments) -> Result<Vec<Outcome>, Error> {
     let all: Vec<(&Planned, (&Run, Form, f64))> =
         planned.iter().flat_map(|planned| planned.forms().map(move |form| (planned, form))).collect();
-    // Made once for all runs; where there are none, each run that needs them tells why.
+    // Created once for all runs. If that fails, each run that needs them reports the reason.
     let _units = ready::units();
     let efforts: Vec<f64> = all.iter().map(|(_, (_, _, effort))| *effort).collect();
     let (bars, silent) = (Bars::new(arguments.json), Bars::new(true));
@@ -144,7 +144,7 @@ fn attempt(planned: &Planned, run: &Run, form: Form, bars: &Bars) -> Result<Outc
     Outcome::new(&key, &done.report(), done.took, &shown).map_err(wrong)
 }
 
-/// What came out of each example.
+/// Results of each example.
 fn judged(planned: &[Planned], outcomes: Vec<Outcome>) -> Result<Vec<Done>, String> {
     let mut rest = outcomes.into_iter();
     let mut done = Vec::new();

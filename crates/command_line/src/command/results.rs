@@ -19,7 +19,7 @@ pub const PLOT: &str = "plot.svg";
 pub const PAGE: &str = "index.html";
 /// The files of a run.
 pub const NAMES: [&str; 5] = [TABLE, METRICS, PLOT, PAGE, PARQUET];
-/// The longest name that results may be kept under, in characters.
+/// The longest tag of results, in characters.
 const LONGEST_TAG: usize = 80;
 
 #[derive(clap::Args, Clone, Default)]
@@ -36,14 +36,14 @@ pub struct TableOptions {
 }
 
 impl TableOptions {
-    /// As an earlier run wrote its tables.
+    /// Options by which an earlier run wrote its tables.
     pub fn of(earlier: &Recorded) -> Self {
         let parquet = earlier.written["parquet"].as_bool().unwrap_or_default();
         TableOptions { every: earlier.written["every"].as_f64(), parquet }
     }
 }
 
-/// A name that results are kept under, beside those of other runs of the same loop.
+/// A tag of results, by which they differ from those of other runs of the same loop.
 pub fn tag(text: &str) -> Result<String, String> {
     let plain = text.chars().all(|c| c.is_alphanumeric() || "_-.,=+".contains(c)) && !text.starts_with('.');
     if text.is_empty() || !plain || text.chars().count() > LONGEST_TAG {
@@ -53,7 +53,8 @@ pub fn tag(text: &str) -> Result<String, String> {
     Ok(text.to_owned())
 }
 
-/// Results of an earlier run, as the run wrote them. Those of version 0.1 don't tell whether they are, which a line says.
+/// Reads results of an earlier run and checks that they are as the run wrote them. Version 0.1 stored no checksums,
+/// which a note reports.
 pub fn earlier(folder: &Path) -> Result<Recorded, Error> {
     let earlier = Recorded::read(folder)?;
     if !earlier.check()? {

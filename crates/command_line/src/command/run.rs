@@ -74,13 +74,13 @@ impl Arguments {
         Arguments { name, again: None, all: false, variant: None, out, tag, tables, options, open, json }
     }
 
-    /// Where results go.
+    /// Folder of the results.
     pub fn out(&self) -> &Path {
         self.out.as_deref().unwrap_or(Path::new(RESULTS))
     }
 }
 
-/// Runs a closed loop, or all, and prints what it came to.
+/// Runs a closed loop, or all, and prints the results.
 pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
     if let Some(folder) = &options.again {
         return again::execute(options, folder);
@@ -91,7 +91,7 @@ pub fn execute(options: &Arguments) -> Result<ExitCode, Error> {
     finish(run(options, name, &Bars::new(options.json))?, options.json, options.open, None)
 }
 
-/// Prints what a run came to, with something further in its JSON.
+/// Prints the results of a run, with something further in its JSON.
 pub fn finish(done: Run, json: bool, open: OpenOption, further: Option<(&str, Value)>) -> Result<ExitCode, Error> {
     if console::serves() {
         serve::send(&done.recording, about(&done.report(), done.folder.as_deref()));
@@ -120,7 +120,7 @@ pub fn exit_code(verdict: Verdict) -> ExitCode {
 
 /// A run whose results are written.
 pub struct Run {
-    /// How it came to its numbers.
+    /// Origin of its numbers.
     pub provenance: Provenance,
     structure: Structure,
     settings: Settings,
@@ -131,11 +131,11 @@ pub struct Run {
     /// Recorded points and table of a run too long for the memory.
     thinned: Option<Thinned>,
     tabled: Option<Tabled>,
-    /// Where its results are, where it has any.
+    /// Folder of its results, if it has any.
     pub folder: Option<PathBuf>,
-    /// Why it did not come to its end.
+    /// Reason why it did not reach its end.
     pub failure: Option<Error>,
-    /// How long the simulation took.
+    /// Duration of the simulation.
     pub took: Duration,
 }
 
@@ -145,7 +145,7 @@ impl Run {
         Report { structure, settings: *settings, whole: *whole, recording, measured, ending, thinned: *thinned }
     }
 
-    /// What a script wants of it.
+    /// JSON for scripts.
     pub fn told(&self) -> Value {
         json!({ "loop": self.structure.name, "ended": self.ending.word(), "metrics": self.measured,
                 "warnings": self.recording.warnings, "results": self.folder.as_deref().map(console::path), "seconds": self.took.as_secs_f64() })
@@ -164,8 +164,9 @@ pub fn about(report: &Report, results: Option<&Path>) -> Value {
                           "values": structure.all_values() } })
 }
 
-/// Runs a closed loop and writes its results, also those of a run that a unit's failure ended. One that made no step has
-/// none: what an earlier run left stays. Of one that is too long for the memory, only the points that are drawn are kept.
+/// Runs a closed loop and writes its results, also if an FMU's failure ended the run. A run without a step has no
+/// results, and those of an earlier run stay. If a run is too long for the memory, only the points to be drawn stay in
+/// memory.
 pub fn run(arguments: &Arguments, name: &str, bars: &Bars) -> Result<Run, Error> {
     // A program that is served is sent all points.
     written(arguments, name, bars, !console::serves())
@@ -189,12 +190,12 @@ fn written(arguments: &Arguments, name: &str, bars: &Bars, in_blocks: bool) -> R
     Ok(done)
 }
 
-/// Where the results of a run go, which is not run.
+/// Folder for the results of a run, which is not run.
 pub fn place(arguments: &Arguments, name: &str) -> Result<PathBuf, Error> {
     Ok(place_of(arguments, &LoopFiles::find(name)?.structure()?))
 }
 
-/// Where the results of a run of this loop go.
+/// Folder for the results of a run of this loop.
 pub fn place_of(arguments: &Arguments, structure: &Structure) -> PathBuf {
     arguments.out().join(own_name(structure, arguments.options.composite, arguments.tag.as_deref()))
 }
@@ -205,19 +206,19 @@ fn own_name(structure: &Structure, whole: bool, tag: Option<&str>) -> String {
     format!("{}{form}{}", structure.name, tag.unwrap_or_default())
 }
 
-/// Where the results of a run are to be.
+/// Destination of a run's results.
 #[derive(Clone, Copy, Default)]
 pub struct Results<'a> {
     /// The folder for the results of all loops.
     pub out: Option<&'a Path>,
-    /// What those of this run are kept under.
+    /// Tag of this run's results.
     pub tag: Option<&'a str>,
-    /// How the table of a run that is too long for the memory is written; none where all its points are to be kept.
+    /// Options for the table of a run that is too long for the memory; none if all its points stay in memory.
     pub tables: Option<&'a TableOptions>,
 }
 
-/// Runs a closed loop; further signals are recorded beside those that it names. Nothing is put into its place; but a folder
-/// that can't take the results is refused at once.
+/// Runs a closed loop; further signals are recorded in addition to those that it names. It writes no results, but
+/// refuses a folder that can't take them before it runs.
 pub fn simulated(
     options: &LoopOptions,
     name: &str,

@@ -19,7 +19,7 @@ struct Tried {
     told: Value,
 }
 
-/// Runs the loops on all cores, each as it is run alone, and prints a table of them.
+/// Runs the loops on all cores, each as `run` does, and prints a table of them.
 pub fn execute(options: &Arguments) -> ExitCode {
     let tried = on_all_cores(options);
     let (rows, told): (Vec<Row>, Vec<Value>) = tried.into_iter().map(|tried| (tried.row, tried.told)).unzip();
@@ -34,7 +34,7 @@ pub fn execute(options: &Arguments) -> ExitCode {
 
 fn on_all_cores(options: &Arguments) -> Vec<Tried> {
     let (loops, bars) = (exporter::loops(), Bars::new(options.json));
-    // Made once for all loops; where there are none, each loop tells why.
+    // Created once for all loops. If that fails, each loop reports the reason.
     let _units = ready::units();
     let effort = |name: &str| Ok::<_, Error>(options.options.effort(&LoopFiles::find(name)?.structure()?));
     let efforts: Vec<f64> = loops.iter().map(|(name, _)| effort(name).unwrap_or_default()).collect();
@@ -42,7 +42,7 @@ fn on_all_cores(options: &Arguments) -> Vec<Tried> {
     parallel::longest_first(&workers, &efforts, |(), place| attempt(options, loops[place].0, &bars))
 }
 
-/// Runs a loop; what goes wrong is told, and the others go on.
+/// Runs a loop; a failure is reported, and the others go on.
 fn attempt(options: &Arguments, name: &str, bars: &Bars) -> Tried {
     if progress::is_interrupted() {
         return without_run(Row::without_run(name, Verdict::Interrupted, "not started"), "not started");

@@ -24,7 +24,7 @@ use super::workers::{self, OfRequest};
 use super::{progress, ready};
 use crate::console;
 
-/// While nobody asks, it looks so often whether it is to end.
+/// Interval between checks whether to end, while there is no request.
 const LOOK: Duration = Duration::from_millis(500);
 /// The exit code of wrong arguments.
 pub const NOT_UNDERSTOOD: u8 = 2;
@@ -117,12 +117,12 @@ fn listen(sender: &Sender<Asked>) {
     progress::stop(last);
 }
 
-/// The number of an exit code, which tells it to nobody but the system.
+/// The number of an exit code, which only the system can read.
 fn number(code: ExitCode) -> u8 {
     (0..=u8::MAX).find(|number| ExitCode::from(*number) == code).unwrap_or(1)
 }
 
-/// Sends what was recorded, with what is told of it: times, then a column a name, numbers of eight bytes, the least first.
+/// Sends a recording with information about it: times, then a column a name, numbers of eight bytes, the least first.
 pub fn send(recording: &Recording, mut about: Value) {
     let Recording { names, measures, times, columns, warnings, details: _ } = recording;
     about["rows"] = json!(times.len());

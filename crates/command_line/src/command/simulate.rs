@@ -1,4 +1,4 @@
-//! `simulate`: one unit alone.
+//! `simulate`: a single FMU.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! What `compare` takes: a loop, a loop with parameter sets, with values, or the results of an earlier run.
+//! Arguments of `compare`: a loop, a loop with parameter sets, with values, or the results of an earlier run.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -120,7 +120,7 @@ impl Specification {
         }
     }
 
-    /// What the results of such a run are kept under: what it has beside the loop.
+    /// Tag of the results of such a run: its parameter sets and values.
     pub fn tag(&self) -> Option<String> {
         let Specification::Loop { cases, values, .. } = self else { return None };
         let stem = |case: &String| Path::new(case).file_stem().unwrap_or_default().to_string_lossy().into_owned();

@@ -25,7 +25,7 @@ use crate::console;
 /// Written while the sweep goes on, and when it ends.
 const RECORD: &str = "sweep.json";
 const POINTS: &str = "points.csv";
-/// What was computed is written at most so often.
+/// Shortest time between two writes of the results so far.
 const REST: Duration = Duration::from_secs(5);
 /// Rows that are printed, and columns of characters for metrics of steps.
 const MOST_ROWS: usize = 40;
@@ -54,14 +54,14 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A sweep with what its file holds beside the runs.
+/// A sweep with the further content of its file.
 struct Task {
     sweep: Sweep,
     question: Value,
     below: String,
 }
 
-/// Makes all runs, and writes what they came to; also when the user interrupts.
+/// Computes all runs, and writes their results; also when the user interrupts.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let bars = Bars::new(arguments.json);
     let task = Task::new(arguments)?;

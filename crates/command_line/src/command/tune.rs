@@ -22,7 +22,7 @@ use super::workers;
 /// Written after every generation.
 pub const RECORD: &str = "search.json";
 const SAMPLE: f64 = 0.01;
-/// A search compares runs: what they come to needs fewer digits than a run that is looked at.
+/// Tolerance of a search's runs: comparing them takes fewer digits than looking at one.
 const SEARCH_TOLERANCE: f64 = 1e-3;
 
 #[derive(clap::Args)]
@@ -191,7 +191,7 @@ impl Others<'_> {
     }
 }
 
-/// What is to be done.
+/// Task of a search.
 pub struct Task {
     pub structure: Structure,
     settings: Settings,
@@ -202,18 +202,18 @@ pub struct Task {
 
 /// A loop before anything is tuned.
 pub struct Before {
-    /// What the parameters start with.
+    /// Start values of the parameters.
     pub values: Vec<f64>,
     /// None where the run fails.
     pub objective: Option<f64>,
 }
 
-/// How a search ended.
+/// End of a search.
 pub struct Ended {
     best: Option<Best>,
     pub interrupted: bool,
     pub runs: usize,
-    /// Why the last run that failed did.
+    /// Reason of the last failed run's failure.
     pub reason: Option<String>,
 }
 
@@ -351,7 +351,7 @@ impl Task {
 }
 
 impl Ended {
-    /// Takes over what a generation came to, before the swarm moves on; also a part of one.
+    /// Takes over the results of a generation, before the swarm moves on; also of a part of one.
     fn note(&mut self, swarm: &Swarm, outcomes: &[Outcome]) {
         for (position, outcome) in swarm.positions().into_iter().zip(outcomes) {
             match outcome {

@@ -1,4 +1,4 @@
-//! What a search found: told, and written.
+//! Result of a search: printed, and written.
 
 use std::path::PathBuf;
 use std::time::Duration;

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use super::progress;
 use crate::console;
 
-/// While no result comes, it looks so often whether the command is to stop.
+/// Interval between checks whether the command is to stop, while no result comes.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// The other end: where results come in.

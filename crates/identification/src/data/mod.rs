@@ -43,7 +43,7 @@ pub(crate) struct Segment {
     pub u: DMatrix<f64>,
     /// 1 where a cell counts, 0 where it doesn't.
     pub mask: DMatrix<f64>,
-    /// From each row to the next: the place in the steps.
+    /// Places in the steps, one from each row to the next.
     pub step: Vec<usize>,
     /// The rest of that step, in samples: 0 unless there are too many steps.
     pub rest: Vec<f64>,
@@ -78,7 +78,7 @@ pub(crate) struct Data {
     pub records: usize,
     /// Means that were subtracted from measured signals and inputs, a column for each record.
     pub centre: DMatrix<f64>,
-    /// How states show in the measured signals, where these aren't the states themselves.
+    /// Relation of states to the measured signals, if these aren't the states themselves.
     pub observed: Option<Observed>,
 }
 
@@ -190,7 +190,7 @@ pub(crate) type Part = Vec<Range<usize>>;
 /// Records as they are read: rows, and where they are cut.
 pub(crate) struct Source<'a> {
     pub records: &'a [Record],
-    /// For each record, columns of the inputs, delayed.
+    /// Columns of the inputs, delayed, for each record.
     inputs: Vec<Vec<Vec<f64>>>,
     measured: Vec<Vec<&'a [f64]>>,
     /// First row of each record at which all inputs with their delays are known.
@@ -375,7 +375,7 @@ impl<'a> Source<'a> {
         let steps = Steps::new(&flat, scaling.h);
         if let Some(findings) = findings.filter(|_| !steps.is_single()) {
             let [least, most] = steps.extremes().map(|step| number(step * scaling.h));
-            // Not by the rounding of a clock alone.
+            // Steps that differ only by a clock's rounding get no note.
             if least != most {
                 findings.push(Finding::note(Kind::StepsDiffer, format!("steps differ: {least} … {most} s")));
             }

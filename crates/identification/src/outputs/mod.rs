@@ -1,4 +1,4 @@
-//! From records to a model, where only outputs are measured.
+//! Identification of a model from records, with only outputs measured.
 
 mod companion;
 mod order;

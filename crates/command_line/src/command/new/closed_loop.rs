@@ -12,7 +12,7 @@ use super::there_already;
 use crate::command::linearise::assignment;
 use crate::command::number::positive;
 
-/// The most units whose names are told.
+/// Largest number of components whose names are listed.
 const MOST_TOLD: usize = 20;
 
 #[derive(clap::Args)]
@@ -49,7 +49,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Writes the structure, and tells what was connected and what is left open.
+/// Writes the structure, and prints the connections and the open inputs and outputs.
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let out = &arguments.out;
     let is_new = !out.exists();

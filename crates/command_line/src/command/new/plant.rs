@@ -85,7 +85,7 @@ pub struct Asked<'a> {
     pub inputs: Option<&'a Which>,
     /// See `inputs`.
     pub outputs: Option<&'a Which>,
-    /// When an FMU is linearised, s.
+    /// Time at which an FMU is linearised, s.
     pub at: Option<f64>,
     /// Its communication step, s.
     pub step: Option<f64>,
