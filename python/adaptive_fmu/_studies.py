@@ -107,7 +107,7 @@ def league(
     All pairs take hours, with `quick` minutes.
 
     only: pairs PLANT/CONTROLLER, or their beginnings, such as "siso/pid" or "robot". Default: all.
-    quick: True for a few plants and short searches, to see that all works; its numbers say little. Default: False.
+    quick: True for a few plants and short searches, to see that all works; its numbers mean little. Default: False.
     out: folder for the page and the results, from which `resume` continues. Default: None, nothing is written.
     resume: True to continue an earlier call in that folder. Default: False.
     force: True to replace its results. Default: False.

@@ -102,7 +102,7 @@ def test_the_longest_period_is_one_with_which_the_fastest_mode_decays(own, tmp_p
 
     first = export(period / 100)
     assert first.returncode == 0, first.stderr
-    longest = float(cells(sheet(tmp_path, "Own"), "longest period with so many steps")[0].removesuffix(" s"))
+    longest = float(cells(sheet(tmp_path, "Own"), "longest period with these steps")[0].removesuffix(" s"))
     assert export(0.98 * longest).returncode == 0
     assert "must be at least" in export(1.02 * longest).stderr
 

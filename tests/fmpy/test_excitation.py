@@ -286,7 +286,7 @@ def test_an_experiment_that_shows_nothing_is_refused(case: str, tmp_path: Path) 
 
 def test_options_of_experiments_are_refused_elsewhere(tmp_path: Path) -> None:
     for options, reason in [
-        (["--signal", "chirp"], "--signal is for an experiment; reference makes none"),
+        (["--signal", "chirp"], "--signal is for an experiment, which reference is not"),
         (["--step", 0.1], "--step is for an FMU as the plant"),
     ]:
         ran = program(tmp_path, "new", "reference", "--name", "R", *options)

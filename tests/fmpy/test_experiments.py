@@ -127,7 +127,7 @@ def test_a_table_for_the_plant_of_records_keeps_the_verdict_on_them(tmp_path: Pa
 REFUSED = {
     "seed of a multisine": (["--settling-time", 1, "--signal", "multisine", "--up-to", 20, "--seed", 3], "--seed selects levels"),
     "seed of a chirp": (["--settling-time", 1, "--signal", "chirp", "--up-to", 20, "--seed", 1], "--seed selects levels"),
-    "two speeds": (["--settling-time", 1, "--bandwidth", 4], "--settling-time and --bandwidth say the same"),
+    "two speeds": (["--settling-time", 1, "--bandwidth", 4], "--settling-time is 4/bandwidth: give --settling-time or --bandwidth, not both"),
     "reference": (["--settling-time", 1, "--reference", 2], "--reference is for controllers: give --amplitude"),
     "fast": (["--settling-time", 1e-12], "the step of 5e-15 s must be within 1e-9 … 1e9 s: give another --settling-time"),
     "slow": (["--settling-time", 1e13], "give another --settling-time"),

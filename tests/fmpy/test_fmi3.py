@@ -413,7 +413,7 @@ def test_what_is_refused_is_named(fmu3: Callable[[str], Fmu3], refused: Callable
         assert "`r[2]` = NaN must be a finite number" in refused(lambda: law.instance.setFloat64([r], [0.0, math.nan]))
         assert "no structural parameters" in refused(lambda: law.instance.enterConfigurationMode())
         assert law["r"] == [0.0, 0.0]
-        assert "what is calculated is known from Initialization Mode on" in refused(lambda: law["u"])
+        assert "calculated values are available from Initialization Mode on" in refused(lambda: law["u"])
         law.start()
         assert "fmi3EnterEventMode: the instance was made with eventModeUsed = false" in refused(
             lambda: law.instance.enterEventMode()

@@ -352,7 +352,7 @@ def test_saved_states_belong_to_sizes(made: Callable[..., Fmu3], refused: Callab
         same.instance.setFMUState(same.instance.deserializeFMUState(saved))
         same.instance.doStep(0.1, 0.1)
         assert one.all() == same.all()
-        assert "bytes; a state of this unit has" in refused(lambda: other.instance.deserializeFMUState(saved))
+        assert "bytes; a state of this FMU has" in refused(lambda: other.instance.deserializeFMUState(saved))
         other.instance.reset()
         other.resize(3, 2, 1)
         assert "this state has other sizes than the instance" in refused(lambda: other.instance.setFMUState(early))

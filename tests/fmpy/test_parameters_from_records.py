@@ -107,7 +107,7 @@ def test_what_records_do_not_show_is_not_sound_and_faults_are_refused(tmp_path: 
     rng = np.random.default_rng(NUMBER + 42)
     robot_record(tmp_path, rng, Robot(), rows=60)
     ran = program(tmp_path, "identify", "record.csv", *ROBOT, "--free", "m2,rate_weight")
-    assert ran.returncode == 3 and "rate_weight does nothing to these outputs" in ran.stdout, ran.stdout + ran.stderr
+    assert ran.returncode == 3 and "rate_weight has no effect on these outputs" in ran.stdout, ran.stdout + ran.stderr
     # The true friction is beyond the range.
     ran = program(tmp_path, "identify", "record.csv", *ROBOT, "--free", "k1=2:5", "--set", "k1=3", "--force")
     assert ran.returncode == 3 and "k1 = " in ran.stdout and "at the end of its range" in ran.stdout, ran.stdout + ran.stderr

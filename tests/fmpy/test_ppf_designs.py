@@ -31,7 +31,7 @@ def made(folder: Path, kind: str, plant: dict, *options: str) -> dict:
 
 def skip_without_figures(*reports: dict) -> None:
     """Skips where `check` had no time for the loop, and says so."""
-    if any("takes too long to be run here" in json.dumps(report) for report in reports):
+    if any("takes too long for `check`" in json.dumps(report) for report in reports):
         pytest.skip("`check` leaves out figures of runs that take too long, as on a machine with much else to do")
 
 

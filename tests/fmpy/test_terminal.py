@@ -75,7 +75,7 @@ def test_verbose_tells_where_units_come_from_and_how_they_run(tmp_path: Path) ->
 def test_verbose_tells_by_which_method_units_are_integrated_and_the_eigenvalue_that_decided(tmp_path: Path) -> None:
     told = lambda *more: adaptive_fmu(*RUN, *more, "--json", "-v", folder=tmp_path).stderr  # noqa: E731
     method = r"3.2.1-cosine\S*: {}: integrated by the {} from t = \S+ s"
-    value = r": the eigenvalue -\S+( ± \S+i)? 1/s allows it substeps of \S+ s at order 5"
+    value = r": the eigenvalue -\S+( ± \S+i)? 1/s allows substeps of \S+ s at order 5"
     lines = told()
     assert re.search(method.format("plant", "explicit method"), lines)
     assert re.search(method.format("controller", "explicit method") + value, lines), lines

@@ -26,7 +26,7 @@ pub enum InputHandling {
 impl Choice for InputHandling {
     const TYPE: &'static str = "InputHandling";
     const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Hold, "hold", "held during a communication step"),
+        (Self::Hold, "hold", "constant during a communication step (zero-order hold)"),
         (Self::Extrapolate, "extrapolate", "continued along the line through the last two values"),
         (
             Self::Interpolate,
@@ -125,7 +125,7 @@ impl Controls {
             d.parameter(
                 choice::<InputHandling>(
                     "input_handling",
-                    "what inputs do within a communication step of co-simulation, from the second one on",
+                    "course of inputs within a communication step of co-simulation, from the second one on",
                 )
                 .fixed(),
             )

@@ -151,8 +151,8 @@ pub enum StepError {
     /// The step needs more work than allowed.
     #[error(
         "{events} events and {substeps} substeps reached only t = {} s of a communication step of {} s, with all the \
-         work that work_limit allows. The system changes too fast for so long a step: take a smaller one, or a larger \
-         work_limit, or, if it is stiff and integration_method is explicit, another method{}",
+         work that work_limit allows. The system changes too fast for this step: take a smaller one or a larger \
+         work_limit. If it is stiff and integration_method is explicit, take another method{}",
         Number(*.time), Number(*.step), followed
     )]
     TooMuchWork {
@@ -170,8 +170,8 @@ pub enum StepError {
     /// Events of one indicator accumulate.
     #[error(
         "the events of {indicator} accumulate at t = {time} s: {events} so far, the last {close} of them with no time \
-         between (Zeno behaviour). Where it is a contact, let it come to rest: when the speed behind an event is small, \
-         set a discrete variable that makes the equations hold it. Where it is a switch, give it hysteresis"
+         between (Zeno behaviour). If it is a contact, let it come to rest: when the speed after an event is small, \
+         set a discrete variable that makes the equations hold it. If it is a switch, add hysteresis"
     )]
     Accumulation {
         /// The indicator.
@@ -185,8 +185,8 @@ pub enum StepError {
     },
     /// An event has stopped the motion across its indicator's zero, and it goes on through.
     #[error(
-        "event {events} of {indicator} at t = {time} s stops the motion there, and behind it the motion goes on \
-         through all the same. Set a discrete variable in the event that makes the equations hold what is to rest"
+        "event {events} of {indicator} at t = {time} s stops the motion, but afterwards the motion goes on \
+         through zero. Set a discrete variable in the event that makes the equations hold the stopped states"
     )]
     GoesThrough {
         /// The indicator.

@@ -314,7 +314,7 @@ pub(crate) fn delays(
             "It is less than a step".to_owned()
         };
         let text = format!(
-            "{} shows in the residuals {lag} rows later ({} σ): does it act later than it is recorded? {advice}",
+            "{} shows in the residuals {lag} rows later ({} σ): does it act later than recorded? {advice}",
             names.signals.inputs[j],
             number(correlation)
         );

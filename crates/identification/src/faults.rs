@@ -127,7 +127,7 @@ fn still(data: &Data, names: &Names, offsets: bool) -> Result<(), Refusal> {
                 )
             } else {
                 format!(
-                    "{name} never moves ({} … {}): what it does can't be seen. Excite it, or leave it out as a fixed input",
+                    "{name} never moves ({} … {}): its effect can't be seen. Excite it, or leave it out as a fixed input",
                     number(least * scale),
                     with_unit(most * scale, &names.input_units[j])
                 )

@@ -128,7 +128,7 @@ fn an_input_that_never_moves_is_refused_or_left_out() {
     let record = columns_of(&plant, 7, u).record();
     let (cause, told) = refusal(identify(record.clone()));
     assert_eq!(cause, Cause::StillInput);
-    assert!(told.starts_with("u2 never moves (12 … 12): what it does can't be seen."), "{told}");
+    assert!(told.starts_with("u2 never moves (12 … 12): its effect can't be seen."), "{told}");
     let found = good(identify_with(record, &Options { fixed: vec!["u2".to_owned()], ..Options::default() }));
     assert_eq!(kinds(&found), [Kind::FixedInput]);
     assert_eq!(found.model.inputs, ["u1"]);

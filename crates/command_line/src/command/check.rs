@@ -117,11 +117,11 @@ fn run_loop(source: &Source, report: &mut DesignReport) {
         Err(Error::Loop { .. }) => {}
         Ok(None) if report.summary.is_some() => {}
         Ok(None) => {
-            let note = "it takes too long to be run here. `new loop` and `run` run it";
+            let note = "it takes too long for `check`. Use `new loop` and `run`";
             report.tell("nominal loop", "not run", "", note);
         }
         Err(reason) => {
-            let note = format!("with its limits and its communication step: {reason}");
+            let note = format!("simulated with its limits and its communication step: {reason}");
             report.judge("nominal loop", "fails", "", if_wrong, note);
         }
     }
@@ -133,20 +133,20 @@ fn tell_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
     let limited = at_limit.iter().map(|((name, _), _)| name.as_str()).collect::<Vec<_>>().join(", ");
     match settling {
         Some(time) => {
-            let note = "with the nominal plant, the limits of the control and the communication step: to 2 % of a step of the reference";
+            let note = "to 2 % of a step of the reference, with the nominal plant, the limits of the control and the communication step";
             report.tell("settling time", three_digits(*time), "s", note);
         }
         // A control at its limit makes a loop slow; without that, it isn't stable or has no rest.
         None if !limited.is_empty() => {
             let note = format!(
-                "within {} s, with {limited} at a limit: give a smaller --reference or a lower --bandwidth",
+                "within {} s, with {limited} at a limit: use a smaller --reference or a lower --bandwidth",
                 digits(*duration)
             );
             report.judge("settling time", "does not settle", "", Verdict::Warning, note);
         }
         None => {
             let note = format!(
-                "within {} s with the nominal plant: give another --bandwidth, or take another kind",
+                "within {} s with the nominal plant: use another --bandwidth or another kind",
                 digits(*duration)
             );
             report.judge("settling time", "does not settle", "", if_wrong, note);
@@ -156,9 +156,9 @@ fn tell_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
     let rest = three_digits(100.0 * off);
     match limited.as_str() {
         _ if *off <= MOST_OFF => report.tell("at rest", rest, "%", "distance from the reference"),
-        "" => report.judge("at rest", rest, "%", Verdict::Warning, "distance from the reference: an error stays"),
+        "" => report.judge("at rest", rest, "%", Verdict::Warning, "distance from the reference: steady-state error"),
         limited => {
-            let note = format!("distance from the reference, with {limited} at a limit: give a smaller --reference");
+            let note = format!("distance from the reference, with {limited} at a limit: use a smaller --reference");
             report.judge("at rest", rest, "%", Verdict::Warning, note);
         }
     }
@@ -182,7 +182,7 @@ fn summarise(steps: &Steps, peaks: &str, report: &mut DesignReport) {
     let summary = match report.summary.take() {
         Some(summary) => format!("{summary}; with the limits of the control: {words}"),
         None if steps.has_others => {
-            let note = "this kind's loop is run with the nominal plant; --worst-case SECONDS runs it with others";
+            let note = "only the nominal plant was simulated; --worst-case SECONDS simulates others";
             report.tell("uncertain plants", "not tried", "", note);
             format!("{words}, {peaks}; other plants not tried")
         }

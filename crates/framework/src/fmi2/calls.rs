@@ -258,7 +258,7 @@ impl Function {
         let allowed = Phase::ALL.into_iter().filter(|&phase| self.allowed_in(of, phase) && phase.is_in(of.0));
         let allowed: Vec<_> = allowed.map(Phase::describe).collect();
         format!(
-            "{name} is not allowed while the instance is {}; it is when {}",
+            "{name} is not allowed while the instance is {}; it is allowed when {}",
             phase.describe(),
             allowed.join(", or ")
         )

@@ -136,7 +136,7 @@ impl Instance {
         for &known in knowns {
             let (place, _) = self.place(function, known, Type::Real)?;
             if starts && !inputs.contains(&place) {
-                let reason = "is not an input: in Initialization Mode the start has derivatives by inputs alone";
+                let reason = "is not an input: in Initialization Mode the start has derivatives by inputs only";
                 return refuse(known, reason);
             }
             let is_time = place == self.execution.model().time_place();

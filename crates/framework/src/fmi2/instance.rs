@@ -67,7 +67,7 @@ impl Instance {
                 Standard::Fmi3 => "the instantiation token",
             };
             return Err(Refused(format!(
-                "{name} `{guid}` is not that of this unit, {}: modelDescription.xml and resources/{DESCRIPTION} don't belong \
+                "{name} `{guid}` is not that of this FMU, {}: modelDescription.xml and resources/{DESCRIPTION} don't belong \
                  together",
                 model_description::guid_text(own)
             )));
@@ -325,8 +325,8 @@ impl Instance {
             Access::Input | Access::Tunable => return Ok(()),
             Access::Fixed if before => return Ok(()),
             Access::Fixed => "a fixed parameter, which can only be set before the simulation starts",
-            Access::Designed => "a constant, which the unit was designed with: export it anew to change it",
-            Access::Calculated { .. } | Access::Hidden => "calculated by the unit and can't be set",
+            Access::Designed => "a constant, with which the FMU was designed: export it again to change it",
+            Access::Calculated { .. } | Access::Hidden => "calculated by the FMU and can't be set",
         };
         Err(Refused(format!(
             "{}: `{}` (value reference {}) is {what}",
@@ -346,7 +346,7 @@ impl Instance {
             _ if !calculated => Ok(()),
             Phase::Instantiated => {
                 let name = self.called(function);
-                Err(Refused(format!("{name}: what is calculated is known from Initialization Mode on")))
+                Err(Refused(format!("{name}: calculated values are available from Initialization Mode on")))
             }
             _ => self.evaluate(function),
         }

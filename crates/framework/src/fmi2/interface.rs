@@ -232,7 +232,7 @@ fn type_of(function: Function) -> Type {
 pub fn string_values(c: Component, function: Function, count: usize) -> Status {
     call(c, function, |_| match count {
         0 => Ok(Status::Ok),
-        _ => Err(Refused(format!("{}: this unit has no variable of type String", function.name()))),
+        _ => Err(Refused(format!("{}: this FMU has no variable of type String", function.name()))),
     })
 }
 

@@ -22,8 +22,8 @@ pub fn categories(model: &Model) -> impl Iterator<Item = (&'static str, &'static
     let standard = [
         (ERROR, "a call was refused or failed: what, why, and what to do"),
         (DISCARDED, "a step could not be finished or a value not be computed; a smaller step may help"),
-        (WARNING, "what works, but may not be meant"),
-        (EVENTS, "tunable parameters that were taken over, and by which method the unit is integrated"),
+        (WARNING, "allowed, but possibly not intended"),
+        (EVENTS, "tunable parameters that were taken over, and integration methods"),
     ];
     // Parts of a system may share a category.
     let mut categories = standard.to_vec();

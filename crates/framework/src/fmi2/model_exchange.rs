@@ -182,7 +182,7 @@ impl Instance {
         if given == expected {
             return Ok(());
         }
-        Err(Refused(format!("{}: {given} {what}; this unit has {expected}", self.called(function))))
+        Err(Refused(format!("{}: {given} {what}; this FMU has {expected}", self.called(function))))
     }
 
     /// Place of a state by its number in the master's order.

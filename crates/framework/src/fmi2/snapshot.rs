@@ -67,7 +67,7 @@ pub fn deserialise(
     let like = model.start();
     let expected = serialised_size(like);
     if bytes.len() != expected {
-        return Err(format!("{} bytes; a state of this unit has {expected}", bytes.len()));
+        return Err(format!("{} bytes; a state of this FMU has {expected}", bytes.len()));
     }
     let mut rest = bytes;
     let mut take = |count: usize| {
@@ -87,7 +87,7 @@ pub fn deserialise(
         return Err("corrupted: the checksum does not fit".to_owned());
     }
     if take(16) != identity {
-        return Err("a state of another unit, of another version of this one, or of its other interface".to_owned());
+        return Err("a state of another FMU, of another version of this one, or of its other interface".to_owned());
     }
     let phase = take(1)[0];
     let phase = Phase::ALL.get(phase as usize).filter(|phase| phase.is_of(of)).copied();
@@ -96,7 +96,7 @@ pub fn deserialise(
     let stop_time = f64_of(take(8));
     let (reals, integers) = (u64_of(take(8)), u64_of(take(8)));
     if (reals, integers) != (like.reals.len() as u64, like.integers.len() as u64) {
-        return Err("corrupted: its sizes are not those of this unit".to_owned());
+        return Err("corrupted: its sizes are not those of this FMU".to_owned());
     }
     let reals = take(8 * like.reals.len()).chunks_exact(8).map(f64_of).collect();
     let integers = take(4 * like.integers.len()).chunks_exact(4).map(|bytes| u32_of(bytes) as i32).collect();

@@ -83,8 +83,8 @@ impl Instance {
         self.points_differ = true;
         let (name, point, time) = (self.called(Function::DoStep), Number(point), Number(time));
         let text = format!(
-            "{name}: currentCommunicationPoint = {point} s, but the instance stands at t = {time} s. Up to 0.001 of the \
-             step the given point is taken, here and in later steps"
+            "{name}: currentCommunicationPoint = {point} s, but the instance is at t = {time} s. A given point \
+             that differs by at most 0.001 of the step is used, here and in later steps"
         );
         self.logger.log(Status::Warning, WARNING, &text);
     }
@@ -101,7 +101,7 @@ impl Instance {
         let slack = point_slack(COMMUNICATION_POINT_SLACK, step, time);
         if !(point.is_finite() && (point - time).abs() <= slack) {
             return Err(Refused(format!(
-                "{name}: currentCommunicationPoint = {} s, but the instance stands at t = {} s: give that point, to \
+                "{name}: currentCommunicationPoint = {} s, but the instance is at t = {} s: give that point, to \
                  within 0.001 of communicationStepSize = {} s",
                 Number(point),
                 Number(time),
@@ -111,7 +111,7 @@ impl Instance {
         let last = time - self.execution.last_step();
         if last < time && point < last - point_slack(0.0, step, time) {
             return Err(Refused(format!(
-                "{name}: currentCommunicationPoint = {} s is before that of the last step, {} s; the instance stands at \
+                "{name}: currentCommunicationPoint = {} s is before that of the last step, {} s; the instance is at \
                  t = {} s: give that point",
                 Number(point),
                 Number(last),

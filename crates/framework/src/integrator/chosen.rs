@@ -64,11 +64,11 @@ impl fmt::Display for Chosen {
         };
         match self.by {
             Integrates::Stiff => {
-                write!(f, ": the eigenvalue {eigenvalue} holds the explicit one of order 5 to {substep:.2e} s")
+                write!(f, ": the eigenvalue {eigenvalue} limits the explicit method of order 5 to {substep:.2e} s")
             }
-            _ => write!(f, ": the eigenvalue {eigenvalue} allows it substeps of {substep:.2e} s at order 5"),
+            _ => write!(f, ": the eigenvalue {eigenvalue} allows substeps of {substep:.2e} s at order 5"),
         }?;
-        f.write_str(if self.is_last { "; further changes are not told" } else { "" })
+        f.write_str(if self.is_last { "; further changes are not logged" } else { "" })
     }
 }
 
@@ -126,7 +126,7 @@ mod tests {
         let told = chosen(Integrates::Stiff, 0.5).to_string();
         assert_eq!(
             told,
-            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1.23e3 1/s holds the explicit one of order 5 to 2.36e-3 s"
+            "integrated by the stiff method from t = 0.5 s: the eigenvalue -1.23e3 1/s limits the explicit method of order 5 to 2.36e-3 s"
         );
         let asked = Chosen { is_asked_for: true, ..chosen(Integrates::Fixed, 0.0) };
         assert_eq!(asked.to_string(), "integrated by steps of fixed length from t = 0 s, as integration_method asks");
@@ -163,7 +163,7 @@ mod tests {
         assert_eq!(told.len(), MOST_CHANGES as usize - 1);
         let last = told.pop().unwrap().to_string();
         assert!(
-            last.ends_with("; further changes are not told") && !told.iter().any(|chosen| chosen.is_last),
+            last.ends_with("; further changes are not logged") && !told.iter().any(|chosen| chosen.is_last),
             "{last}"
         );
     }

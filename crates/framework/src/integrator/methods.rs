@@ -60,7 +60,7 @@ impl Choice for IntegrationMethod {
         (
             Self::Fixed,
             "fixed",
-            "so many Runge-Kutta steps of order 4 as fixed_steps says, for targets: no error control",
+            "Runge-Kutta method of order 4 with fixed_steps steps and no error control: for targets",
         ),
     ];
 }

@@ -64,7 +64,7 @@ impl Work {
             "## Work of a communication step\n\nA communication step of co-simulation takes as many integration steps as \
              accuracy needs, but no more than `work_limit` allows: at its start value of {WORK_LIMIT:e}, {} of the \
              explicit method or {} of the stiff one, with a Jacobian each. A step that would take more ends with an \
-             error, and leaves the unit as it was.\n",
+             error, and leaves the FMU unchanged.\n",
             most(self.explicit),
             most(self.stiff + self.jacobian)
         )

@@ -90,7 +90,7 @@ impl Writer {
         let state = self.take(start.len() + captured.len());
         let carried = |_, operation: &Operation| match operation {
             Operation::Carried(number) => state as Register + number,
-            _ => unreachable!("the body of an iteration reads what it carries alone"),
+            _ => unreachable!("the body of an iteration reads carried numbers only"),
         };
         let next = body.next.iter().map(|&node| (node, Some(body.goes_on)));
         let wanted: Vec<_> = std::iter::once((body.goes_on, None)).chain(next).collect();

@@ -248,7 +248,7 @@ fn an_unknown_log_category_is_refused_with_the_known_ones() {
 fn numbers_in_messages_can_be_read() {
     let unit = controller();
     unit.refuses(&["fmi2DoStep", "= -1e-300 must be"], |unit| unit.step(3e-3, -1e-300));
-    unit.refuses(&["fmi2DoStep", "= 1e30 s, but the instance stands at t = 0.003 s"], |unit| unit.step(1e30, 1e-3));
+    unit.refuses(&["fmi2DoStep", "= 1e30 s, but the instance is at t = 0.003 s"], |unit| unit.step(1e30, 1e-3));
     unit.put("adaptation_gain", -1e-300);
     assert_eq!(unit.step(3e-3, 1e-3), ERROR);
     let message = unit.last_message();

@@ -192,21 +192,21 @@ fn findings(found: &Found, outputs: &[String]) -> Vec<String> {
     let mut findings = Vec::new();
     for Estimated { name, value, error, is_at_end, scale, record, .. } in &found.parameters {
         if error.is_nan() && !is_at_end {
-            findings.push(format!("{name} does nothing to these outputs: take it out of --free"));
+            findings.push(format!("{name} has no effect on these outputs: remove it from --free"));
         } else if *is_at_end {
-            findings.push(format!("{name} = {} is at the end of its range: give a wider one", number(*value)));
+            findings.push(format!("{name} = {} is at the end of its range: give a wider range", number(*value)));
         } else if record.is_none() && *error > (MOST_ERROR * value.abs()).max(LEAST_ERROR * scale) {
             // Where a record begins may be near 0, and the model does not depend on it.
             let part = 100.0 * error / value.abs();
             findings.push(format!(
-                "{name}: {} % (1 σ): these records don't show it. Take it out of --free, or record more motion",
+                "{name}: {} % (1 σ): these records don't determine it. Remove it from --free, or record more motion",
                 number(part.round())
             ));
         }
     }
     if found.condition > MOST_CONDITION {
         findings.push(format!(
-            "parameters can't be distinguished (condition number {}): leave one of them out of --free",
+            "parameters can't be distinguished (condition number {}): remove one of them from --free",
             number(found.condition)
         ));
     }

@@ -87,9 +87,7 @@ impl ExperimentOptions {
             let kinds = library::begun().filter(|entry| is_experiment(entry.kind.name));
             let kinds = kinds.map(|entry: &Entry| entry.kind.name).collect::<Vec<_>>().join(", ");
             if let Some(option) = self.given().next() {
-                return refuse(format!(
-                    "{option} is for an experiment; {kind} makes none. The kind that does is {kinds}"
-                ));
+                return refuse(format!("{option} is for an experiment, which {kind} is not. Use {kinds}"));
             }
             if arguments.step.is_some() && arguments.plant.is_none() {
                 return refuse("--step is for an FMU as the plant: give it with --plant FILE.fmu".to_owned());
@@ -102,12 +100,12 @@ impl ExperimentOptions {
             (None, None) if !has_plant => {
                 "--settling-time is missing: give roughly how long the plant takes to settle after a step, in s"
             }
-            (Some(_), Some(_)) => "--settling-time and --bandwidth say the same, 4/bandwidth: give one of them",
+            (Some(_), Some(_)) => "--settling-time is 4/bandwidth: give --settling-time or --bandwidth, not both",
             _ if self.seed.is_some() && !has_levels => {
-                "--seed selects levels; a multisine and a chirp have none: leave it out"
+                "--seed selects levels, which a multisine and a chirp don't have: leave it out"
             }
             _ if !arguments.reference.is_empty() => {
-                "--reference is for controllers: give --amplitude, how far the inputs go"
+                "--reference is for controllers: give --amplitude, the range of the inputs"
             }
             _ => return Ok(()),
         };

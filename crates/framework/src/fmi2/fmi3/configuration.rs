@@ -17,7 +17,7 @@ impl Instance {
         let sizes = self.execution.model().sizes().values();
         if sizes.is_empty() {
             let name = self.called(Function::EnterConfigurationMode);
-            return Err(Refused(format!("{name}: this unit has no structural parameters")));
+            return Err(Refused(format!("{name}: this FMU has no structural parameters")));
         }
         self.asked_sizes = sizes;
         self.phase = Phase::Configuration;
@@ -110,7 +110,7 @@ impl Instance {
         let number = |&reference: &u32| {
             let is_size = (reference as usize) < sizes.len();
             is_size.then_some(reference as usize).ok_or_else(|| {
-                let has_none = format!("{name}: this unit has no variable of type UInt64");
+                let has_none = format!("{name}: this FMU has no variable of type UInt64");
                 let other = format!("{name}: value reference {reference} is that of no variable of type UInt64");
                 Refused(if sizes.is_empty() { has_none } else { other })
             })

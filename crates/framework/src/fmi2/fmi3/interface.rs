@@ -244,7 +244,7 @@ pub fn no_such_type(c: Component, name: &str, kind: &str, count: usize) -> Statu
     // Allowed in the same phases: in all of them.
     call(c, Function::SetDebugLogging, |_| match count {
         0 => Ok(Status::Ok),
-        _ => Err(Refused(format!("{name}: this unit has no variable of type {kind}"))),
+        _ => Err(Refused(format!("{name}: this FMU has no variable of type {kind}"))),
     })
 }
 

@@ -147,13 +147,13 @@ static int is_calculated(const Value *value) {
 /* Refuses to set what can't be set now. */
 static int check_settable(Call *call, Reference reference, const Value *value) {
     Phase phase = call->instance->phase;
-    const char *what = "calculated by the unit and can't be set";
+    const char *what = "calculated by the FMU and can't be set";
     if (value->access == ACCESS_TUNABLE && phase == PHASE_CONTINUOUS_TIME) {
         what = "a tunable parameter, which in model exchange can only be set in Event Mode";
     } else if (value->access == ACCESS_INPUT || value->access == ACCESS_TUNABLE) {
         return 1;
     } else if (value->access == ACCESS_DESIGNED) {
-        what = "a constant of these sources, designed at export: export the unit anew to change it";
+        what = "a constant of these sources, designed at export: export the FMU again to change it";
     } else if (value->access == ACCESS_FIXED) {
         if (phase == PHASE_INSTANTIATED || phase == PHASE_INITIALIZATION) {
             return 1;
@@ -203,7 +203,7 @@ static int find_all(Call *call, Walk values, int type) {
         any_calculated |= is_calculated(&value);
     }
     if (any_calculated && call->instance->phase == PHASE_INSTANTIATED) {
-        refused(call, ": what is calculated is known from Initialization Mode on");
+        refused(call, ": calculated values are available from Initialization Mode on");
         return 0;
     }
     return !any_calculated || bring_up_to_date(call);

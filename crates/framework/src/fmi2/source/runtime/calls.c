@@ -143,7 +143,7 @@ static void tell_not_allowed(Call *call) {
     }
     text_add(&call->why, " is not allowed while the instance is ");
     text_add(&call->why, phase_names[call->instance->phase]);
-    text_add(&call->why, "; it is when ");
+    text_add(&call->why, "; it is allowed when ");
     for (int phase = 0; phase < PHASES; phase++) {
         if (is_allowed(call, phase)) {
             text_add(&call->why, first ? "" : ", or ");

@@ -52,7 +52,7 @@ static int take_news(Choices *choices, Chosen *news) {
 #define TOLD(method) "integrated by " method " from t = \1r s"
 #define VALUE ": the eigenvalue \1e2 1/s "
 #define PAIR ": the eigenvalue \1e2 \xc2\xb1 \1e2i 1/s "
-#define LAST "; further changes are not told"
+#define LAST "; further changes are not logged"
 #define SENTENCES(method, decides)                                                                                          \
     {TOLD(method) ", as integration_method asks", TOLD(method),        TOLD(method) VALUE decides,                          \
      TOLD(method) PAIR decides,                   TOLD(method) VALUE decides LAST, TOLD(method) PAIR decides LAST}
@@ -60,8 +60,8 @@ static int take_news(Choices *choices, Chosen *news) {
 /* Tells it, before the messages from a place on. */
 static void tell_method(Log *log, int place, const Chosen *chosen) {
     static const char *const sentences[METHODS][6] = {
-        [BY_EXPLICIT] = SENTENCES("the explicit method", "allows it substeps of \1e2 s at order 5"),
-        [BY_STIFF] = SENTENCES("the stiff method", "holds the explicit one of order 5 to \1e2 s"),
+        [BY_EXPLICIT] = SENTENCES("the explicit method", "allows substeps of \1e2 s at order 5"),
+        [BY_STIFF] = SENTENCES("the stiff method", "limits the explicit method of order 5 to \1e2 s"),
         [BY_FIXED] = SENTENCES("steps of fixed length", ""),
     };
     real values[4] = {chosen->from, chosen->mode.growth, chosen->substep, R(0.0)};

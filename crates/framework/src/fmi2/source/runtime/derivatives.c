@@ -64,7 +64,7 @@ static int check_known(Call *call, Reference known) {
         return 0;
     }
     if (call->instance->phase == PHASE_INITIALIZATION && !is_input) {
-        const char *reason = " is not an input: in Initialization Mode the start has derivatives by inputs alone";
+        const char *reason = " is not an input: in Initialization Mode the start has derivatives by inputs only";
         return refused_value(call, value.name, reason);
     }
     /* Time is a variable in FMI 3.0 only. */

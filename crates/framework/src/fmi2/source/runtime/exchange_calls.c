@@ -64,7 +64,7 @@ static int check_count(Call *call, size_t given, size_t expected, const char *wh
     text_add(why(call), ": ");
     text_integer(&call->why, (long long)given);
     text_add(&call->why, what);
-    text_add(&call->why, "; this unit has ");
+    text_add(&call->why, "; this FMU has ");
     text_integer(&call->why, (long long)expected);
     return 0;
 }

@@ -85,8 +85,8 @@ static void text_numeric_error(Text *text, const StepError *error) {
         text_number(text, error->time);
         text_add(text, " s of a communication step of ");
         text_number(text, error->step);
-        text_add(text, " s, with all the work that work_limit allows. The system changes too fast for so long a step: take "
-                       "a smaller one, or a larger work_limit, or, if it is stiff and integration_method is explicit, "
+        text_add(text, " s, with all the work that work_limit allows. The system changes too fast for this step: take a "
+                       "smaller one or a larger work_limit. If it is stiff and integration_method is explicit, take "
                        "another method");
         if (error->follows) {
             text_mode(text, &error->mode);
@@ -106,9 +106,9 @@ static void text_event_error(Text *text, const StepError *error) {
         text_integer(text, error->events);
         text_add(text, " so far, the last ");
         text_integer(text, error->close);
-        text_add(text, " of them with no time between (Zeno behaviour). Where it is a contact, let it come to rest: when the "
-                       "speed behind an event is small, set a discrete variable that makes the equations hold it. Where it "
-                       "is a switch, give it hysteresis");
+        text_add(text, " of them with no time between (Zeno behaviour). If it is a contact, let it come to rest: when the "
+                       "speed after an event is small, set a discrete variable that makes the equations hold it. If it "
+                       "is a switch, add hysteresis");
         break;
     case STEP_GOES_THROUGH:
         text_add(text, "event ");
@@ -116,8 +116,8 @@ static void text_event_error(Text *text, const StepError *error) {
         text_add(text, " of ");
         text_indicator(text, error->variable);
         text_time(text, error->time);
-        text_add(text, " stops the motion there, and behind it the motion goes on through all the same. Set a discrete "
-                       "variable in the event that makes the equations hold what is to rest");
+        text_add(text, " stops the motion, but afterwards the motion goes on through zero. Set a discrete "
+                       "variable in the event that makes the equations hold the stopped states");
         break;
     default:
         text_add(text, "more than ");

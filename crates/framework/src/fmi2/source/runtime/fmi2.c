@@ -95,7 +95,7 @@ FMI2_FUNCTION(fmi2Status, fmi2SetBoolean)(fmi2Component c, const fmi2ValueRefere
 
 /* No unit has a String. */
 static Status answer_strings(Call *call, size_t count) {
-    return count == 0 ? STATUS_OK : refused(call, ": this unit has no variable of type String");
+    return count == 0 ? STATUS_OK : refused(call, ": this FMU has no variable of type String");
 }
 
 FMI2_FUNCTION(fmi2Status, fmi2GetString)(fmi2Component c, const fmi2ValueReference references[], size_t count,

@@ -76,7 +76,7 @@ FMI3_FUNCTION(fmi3Status, fmi3EnterEventMode)(fmi3Instance c) {
 }
 
 FMI3_FUNCTION(fmi3Status, fmi3EnterConfigurationMode)(fmi3Instance c) {
-    ANSWER(c, EnterConfigurationMode, 1, refused(&call, ": this unit has no structural parameters"));
+    ANSWER(c, EnterConfigurationMode, 1, refused(&call, ": this FMU has no structural parameters"));
 }
 
 /* Never allowed. */
@@ -141,7 +141,7 @@ static Status no_such_type(Call *call, const char *function, const char *type, s
     }
     call->why = text_in(call->room, sizeof call->room);
     text_add(&call->why, function);
-    text_add(&call->why, ": this unit has no variable of type ");
+    text_add(&call->why, ": this FMU has no variable of type ");
     text_add(&call->why, type);
     return STATUS_ERROR;
 }

@@ -239,7 +239,7 @@ static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
     if (size != SERIALISED_SIZE) {
         text_add(why(call), ": ");
         text_integer(&call->why, (long long)size);
-        text_add(&call->why, " bytes; a state of this unit has ");
+        text_add(&call->why, " bytes; a state of this FMU has ");
         text_integer(&call->why, SERIALISED_SIZE);
         return 0;
     }
@@ -250,11 +250,11 @@ static int check_bytes(Call *call, const unsigned char *bytes, size_t size) {
     } else if (take_bytes(bytes + OFFSET_CHECKSUM, 4) != checksum(bytes + OFFSET_IDENTITY, SERIALISED_SIZE - OFFSET_IDENTITY)) {
         reason = ": corrupted: the checksum does not fit";
     } else if (memcmp(bytes + OFFSET_IDENTITY, state_identities[call->instance->interface], 16) != 0) {
-        reason = ": a state of another unit, of another version of this one, or of its other interface";
+        reason = ": a state of another FMU, of another version of this one, or of its other interface";
     } else if (!is_phase_of(call->instance->interface, bytes[OFFSET_PHASE])) {
         reason = ": corrupted: no such phase";
     } else if (take_bytes(bytes + OFFSET_SIZES, 8) != UNIT_REALS || take_bytes(bytes + OFFSET_SIZES + 8, 8) != UNIT_INTEGERS) {
-        reason = ": corrupted: its sizes are not those of this unit";
+        reason = ": corrupted: its sizes are not those of this FMU";
     } else if (bytes[OFFSET_HAS_STOP_TIME] > 1 || (bytes[OFFSET_HAS_STOP_TIME] == 1 && !isfinite(stop_time_of(bytes)))) {
         reason = ": corrupted: its stop time is none";
     } else {

@@ -18,7 +18,7 @@ static const char *check_instantiation(Text *why, const char *name, const char *
     } else if (strcmp(token, UNIT_GUID) != 0) {
         text_add(why, TOKEN " `");
         text_add(why, token);
-        text_add(why, "` is not that of this unit, " UNIT_GUID ": modelDescription.xml and the sources don't belong "
+        text_add(why, "` is not that of this FMU, " UNIT_GUID ": modelDescription.xml and the sources don't belong "
                       "together");
     } else {
         return NULL;
@@ -196,8 +196,8 @@ static void log_adopted(Instance *instance, double point, double step) {
     instance->points_differ = 1;
     const real times[2] = {(real)point, (real)time};
     tell(&instance->log, CATEGORY_WARNING,
-         FMI "DoStep: currentCommunicationPoint = \1n s, but the instance stands at t = \1n s. Up to 0.001 of the step "
-         "the given point is taken, here and in later steps",
+         FMI "DoStep: currentCommunicationPoint = \1n s, but the instance is at t = \1n s. A given point that differs by "
+         "at most 0.001 of the step is used, here and in later steps",
          times, 2);
 }
 
@@ -210,13 +210,13 @@ static Status check_step(Call *call, double point, double step) {
         return refused_times(call, ": communicationStepSize = \1n must be finite and above 0", step, 0, 0);
     }
     if (!(isfinite(point) && fabs(point - time) <= slack)) {
-        const char *reason = ": currentCommunicationPoint = \1n s, but the instance stands at t = \1n s: give that point, "
+        const char *reason = ": currentCommunicationPoint = \1n s, but the instance is at t = \1n s: give that point, "
                              "to within 0.001 of communicationStepSize = \1n s";
         return refused_times(call, reason, point, time, step);
     }
     if (last < time && point < last - point_slack(0, step, time)) {
         const char *reason = ": currentCommunicationPoint = \1n s is before that of the last step, \1n s; the instance "
-                             "stands at t = \1n s: give that point";
+                             "is at t = \1n s: give that point";
         return refused_times(call, reason, point, last, time);
     }
     if ((real)point + (real)step <= (real)point) {
