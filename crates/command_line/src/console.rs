@@ -115,7 +115,7 @@ pub fn text(text: &str) {
     print(|out| out.write_all(text.as_bytes()));
 }
 
-/// Prints a line on standard output; see [`say`].
+/// Prints a line on standard output, for the macro above.
 pub fn line(text: Arguments) {
     if serves() {
         return send("text", &json!(format!("{text}\n")), &[]);
@@ -123,7 +123,7 @@ pub fn line(text: Arguments) {
     print(|out| writeln!(out, "{text}"));
 }
 
-/// Prints a line on the error stream; see [`tell`]. Warnings are notes. An error in writing is ignored: there is
+/// Prints a line on the error stream, for the macro above. Warnings are notes. An error in writing is ignored: there is
 /// nowhere to report it.
 pub fn error_line(text: Arguments) {
     let text = text.to_string();
