@@ -83,7 +83,8 @@ pub struct Kernel {
 impl Kernel {
     /// Wraps code that was compiled for these sizes.
     ///
-    /// # Safety The code reads and writes within these sizes only, and stays in memory as long as the kernel is used.
+    /// # Safety
+    /// The code reads and writes within these sizes only, and stays in memory as long as the kernel is used.
     pub unsafe fn new(sizes: Sizes, code: Code) -> Self {
         Kernel { version: VERSION, sizes, code }
     }

@@ -281,7 +281,8 @@ impl Model {
 
     /// Checks that a recording is complete: no method looks at a number.
     ///
-    /// # Errors The kind, and the methods in which it looks at a number.
+    /// # Errors
+    /// The kind, and the methods in which it looks at a number.
     pub fn check_recorded(&self) -> Result<(), Invalid> {
         let looks = |method: &Method| self.recorded(*method).tape.has_looked();
         let looking: Vec<_> = Method::ALL.iter().filter(|method| looks(method)).map(|method| method.name()).collect();

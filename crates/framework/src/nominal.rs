@@ -232,7 +232,8 @@ impl Covariance {
     /// Reads entries, as ("A", 1, 2), and rows of their covariance up to the diagonal; `table` is the prefix of keys in
     /// errors.
     ///
-    /// # Errors An entry that a plant of n states and m inputs lacks, other sizes, or numbers that are no covariance.
+    /// # Errors
+    /// An entry that a plant of n states and m inputs lacks, other sizes, or numbers that are no covariance.
     pub fn read(
         table: &str,
         free: &[(String, usize, usize)],

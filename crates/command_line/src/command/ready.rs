@@ -16,7 +16,8 @@ pub fn keep() {
 
 /// Returns the cached ones, or a place for those of this command.
 ///
-/// # Errors Their library is missing, or no temporary folder can be created.
+/// # Errors
+/// Their library is missing, or no temporary folder can be created.
 pub fn units() -> Result<Arc<Ready>, Error> {
     if let Some(kept) = kept() {
         return Ok(kept);

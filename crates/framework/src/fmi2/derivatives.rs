@@ -70,8 +70,9 @@ impl Instance {
 
     /// fmi2GetDirectionalDerivative, at the present inputs; in Initialization Mode of the start values by the inputs.
     ///
-    /// # Errors Refuses unknowns that aren't calculated reals, knowns that are neither inputs nor states (in
-    /// Initialization Mode: that aren't inputs), and a seed that isn't finite.
+    /// # Errors
+    /// Refuses unknowns that aren't calculated reals, knowns that are neither inputs nor states (in Initialization
+    /// Mode: that aren't inputs), and a seed that isn't finite.
     pub fn get_directional_derivative(
         &mut self,
         unknowns: &[u32],

@@ -125,7 +125,8 @@ impl Instance {
     /// Returns the functions from which a kernel of its equations is compiled: for any parameters, or folded, for the
     /// present ones.
     ///
-    /// # Errors The equations have no kernel.
+    /// # Errors
+    /// The equations have no kernel.
     pub fn kernel_functions(&mut self, folded: bool) -> Result<Functions, Invalid> {
         if !folded {
             return Functions::of(&self.unit.model, &|_| None);

@@ -28,7 +28,8 @@ use super::types::{
 
 /// fmi2Instantiate
 ///
-/// # Safety The pointers conform to the standard: terminated strings, and callbacks with the right signatures.
+/// # Safety
+/// The pointers conform to the standard: terminated strings, and callbacks with the right signatures.
 #[allow(clippy::too_many_arguments)] // the standard's
 pub unsafe fn instantiate(
     library: Library,

@@ -63,7 +63,8 @@ pub unsafe extern "C" fn set_specific(key: c_uint, value: *const c_void, functio
 /// `__cxa_thread_atexit_impl`, of glibc 2.18. An older one is not asked to end the thread's values, whose memory then
 /// stays taken: other means of ending them could reach into a library that was unloaded before.
 ///
-/// # Safety As for that function; `lookup` is dlsym, where the process has it.
+/// # Safety
+/// As for that function; `lookup` is dlsym, where the process has it.
 pub unsafe extern "C" fn at_thread_exit(
     destructor: Destructor,
     value: *mut c_void,

@@ -12,7 +12,8 @@ thread_local! {
 
 /// Runs code that may panic.
 ///
-/// # Errors The panic's text and place.
+/// # Errors
+/// The panic's text and place.
 pub fn contain<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     silence();
     INSIDE.set(true);

@@ -56,7 +56,8 @@ const MOST_KEPT: usize = if cfg!(any(target_os = "linux", target_family = "wasm"
 impl Shared {
     /// The unit of a description, which is in a file. Instances share it by the description's text, not by its place.
     ///
-    /// # Errors Errors in its description.
+    /// # Errors
+    /// Errors in its description.
     pub fn of((file, text): (PathBuf, String), library: Library) -> Answer<Arc<Self>> {
         let alive = units().alive(&text, library.registry, &[]);
         if let Some(unit) = alive {

@@ -210,7 +210,8 @@ impl Declaration {
     /// orders of magnitude smaller than both (`nominal` is its magnitude, in their unit), a subtraction would leave
     /// rounding errors: a composite in which x is a state integrates e in its place.
     ///
-    /// # Panics When they have different sizes.
+    /// # Panics
+    /// When they have different sizes.
     pub fn difference(&mut self, x: VectorOf<class::Input>, x_m: VectorOf<class::State>, nominal: f64) -> DifferenceOf {
         assert_eq!(x.len(), x_m.len(), "an input and a state whose difference is meant have the same size");
         let number = self.differences.len();

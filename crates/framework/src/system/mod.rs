@@ -188,7 +188,8 @@ pub trait System: Sized + Send + Sync + 'static {
 
     /// Declares every variable, once, and keeps the handles.
     ///
-    /// # Errors [`Invalid`] when the structure contradicts itself, e.g. by sizes that don't fit.
+    /// # Errors
+    /// [`Invalid`] when the structure contradicts itself, e.g. by sizes that don't fit.
     fn declare(structure: Self::Structure, d: &mut Declaration) -> Result<Self, Invalid>;
 
     /// Sizes of a structure that can change before the start, without a new description: none where the structure fixes them.
@@ -209,7 +210,8 @@ pub trait System: Sized + Send + Sync + 'static {
     /// follow by arithmetic only belong into [`System::relate`]. Limits of single values (`min`, `max`) were checked
     /// before.
     ///
-    /// # Errors [`Invalid`] with every reason; the parameters set before stay in force.
+    /// # Errors
+    /// [`Invalid`] with every reason; the parameters set before stay in force.
     fn prepare(&self, v: &mut Point) -> Result<(), Invalid> {
         let _ = v;
         Ok(())
