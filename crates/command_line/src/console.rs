@@ -52,7 +52,7 @@ macro_rules! tell {
     ($($text:tt)*) => { $crate::console::error_line(format_args!($($text)*)) };
 }
 
-/// Prints a line on standard output that is no result, unless `--quiet` is asked for: where files are, what a run warned of.
+/// Prints a line on standard output that is no result, unless `--quiet` is given: places of files, warnings of a run.
 macro_rules! aside {
     ($($text:tt)*) => { if $crate::console::tells($crate::console::Detail::Usual) { say!($($text)*) } };
 }
@@ -102,7 +102,7 @@ pub fn send(kind: &str, value: &Value, bytes: &[u8]) {
     });
 }
 
-/// A path as JSON has it. JSON is Unicode: of a name that isn't, the signs that aren't are replaced.
+/// A path in JSON. JSON is Unicode, so characters of a name that aren't are replaced.
 pub fn path(path: &Path) -> Value {
     json!(path.to_string_lossy())
 }
@@ -133,7 +133,7 @@ pub fn error_line(text: Arguments) {
     if serves() {
         return send("note", &json!(text), &[]);
     }
-    // It shows colours where the terminal does, and where nobody asks otherwise (NO_COLOR, CLICOLOR_FORCE).
+    // Shows colours if the terminal does, unless the user decides otherwise (NO_COLOR, CLICOLOR_FORCE).
     let mut out = anstream::stderr().lock();
     let label = LABELS.iter().find_map(|(label, style)| Some((label, style, text.strip_prefix(label)?)));
     let _ = match label {

@@ -1,5 +1,5 @@
 //! The command line: reads arguments, calls what does the work, prints. Nothing is decided here.
-// They panic where nobody reads; see `console`.
+// They panic if nobody reads; see `console`.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 #[macro_use]

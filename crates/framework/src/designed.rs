@@ -81,7 +81,7 @@ impl Trials<'_> {
         self.integers[self.variables.integers(Section::Parameter)].copy_from_slice(&parameters.integers);
     }
 
-    /// The design of the parameters that stand; none where it panics.
+    /// The design of the present parameters; none if it panics.
     fn answer(&mut self) -> Option<Answer> {
         let reals = self.variables.reals(Section::Prepared);
         let integers = self.variables.integers(Section::Prepared);

@@ -145,7 +145,7 @@ fn seeds(tape: &mut Tape, nodes: &[Node], change: impl Fn(Leaf) -> Option<Leaf>)
 /// none where it has more operations than this.
 pub fn jacobian(variables: &Variables, columns: &[Vec<u32>], evaluate: Recording, largest: usize) -> Option<Jacobian> {
     let Recording { mut tape, reals, .. } = evaluate;
-    // Most of what is added is needed; beyond that, nobody has to know how much more it would be.
+    // Most added operations are needed. Beyond that number, the exact excess doesn't matter.
     let most = tape.operations().len() + 2 * largest;
     let (states, inputs) = (variables.reals(Section::State), variables.reals(Section::Input));
     let rates: Vec<Node> = variables.reals(Section::Derivative).map(|place| reals[place]).collect();

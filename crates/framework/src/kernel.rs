@@ -42,7 +42,7 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Those of a system with so many entries in its Jacobian's pattern, without a decomposition.
+    /// Sizes of a system with this number of entries in its Jacobian's pattern, without a decomposition.
     pub fn of(variables: &Variables, entries: usize) -> Self {
         Sizes {
             reals: variables.reals(Section::Memory).end as u32,
@@ -89,7 +89,7 @@ impl Kernel {
         Kernel { version: VERSION, sizes, code }
     }
 
-    /// True if it is one of a system with these variables and so many entries in its Jacobian's pattern.
+    /// True if it is one of a system with these variables and this number of entries in its Jacobian's pattern.
     pub fn fits(&self, variables: &Variables, entries: usize) -> bool {
         let needed = Sizes { factors: self.sizes.factors, ..Sizes::of(variables, entries) };
         self.version == VERSION && self.sizes == needed
@@ -118,8 +118,8 @@ impl Kernel {
         unsafe { (self.code.evaluate)(t, reals.as_mut_ptr(), integers.as_ptr()) }
     }
 
-    /// Writes the entries of the Jacobian, column by column, and the rates' change by time, with inputs that move where
-    /// slopes are given; whether it can.
+    /// Writes the entries of the Jacobian, column by column, and the rates' change by time, with inputs that move if
+    /// slopes are given. Returns true if it can.
     pub fn jacobian(
         &self,
         t: f64,
@@ -144,7 +144,7 @@ impl Kernel {
         self.code.decompose.and(self.code.solve).map(|_| self.sizes.factors as usize)
     }
 
-    /// Decomposes `diagonal` I less the Jacobian of these entries; whether that is accurate.
+    /// Decomposes `diagonal` I less the Jacobian of these entries. Returns true if the result is accurate.
     pub fn decompose(&self, diagonal: f64, entries: &[f64], factors: &mut [f64]) -> bool {
         assert!(entries.len() >= self.sizes.entries as usize && factors.len() >= self.sizes.factors as usize);
         // SAFETY: both have the sizes that it was compiled for.

@@ -11,7 +11,7 @@ const MOST: usize = 8;
 const MEANT: usize = 3;
 /// The most letters in which a near name differs.
 const FARTHEST: usize = 4;
-/// A name that others begin with has at least so many letters.
+/// Smallest number of letters of a name that others begin with.
 const BEGINNING: usize = 3;
 
 /// The names that there are, as the end of a message about one that isn't: those that the user may have meant, the allowed

@@ -303,7 +303,7 @@ fn number(key: &str, given: Option<f64>, allowed: Allowed) -> Result<Option<f64>
     given.map(|value| check(key, value, allowed)).transpose()
 }
 
-/// One number each, of so many inputs or outputs.
+/// Numbers of inputs or outputs, one each.
 fn each(key: &str, given: &OneOrEach, (count, what): (usize, &str), allowed: Allowed) -> Result<Vec<f64>, Invalid> {
     let values = match given {
         OneOrEach::One(value) => vec![*value; count],

@@ -120,7 +120,7 @@ fn list(numbers: &[f64]) -> String {
     numbers.iter().map(|value| number(*value)).collect::<Vec<_>>().join(", ")
 }
 
-/// One of a conjugate pair stands for both.
+/// Text of an eigenvalue; one of a conjugate pair represents both.
 fn eigenvalue(value: &Eigenvalue) -> String {
     let imaginary = if value.imaginary > 0.0 { format!(" ± {}j", number(value.imaginary)) } else { String::new() };
     let rest = value
@@ -129,12 +129,14 @@ fn eigenvalue(value: &Eigenvalue) -> String {
     format!("{}{imaginary} 1/s{rest}", number(value.real))
 }
 
-/// The farthest number of so many digits from 0 that isn't beyond this one: what a text may advise as the most of a magnitude.
+/// The number with this number of digits that is farthest from 0 but not beyond this one: the largest magnitude that a
+/// text may advise.
 pub fn no_more(value: f64, digits: usize) -> f64 {
     cut(value, digits, false)
 }
 
-/// The nearest number of so many digits to 0 that isn't short of this one: what a text may advise as the least of a magnitude.
+/// The number with this number of digits that is nearest to 0 but not short of this one: the smallest magnitude that a
+/// text may advise.
 pub fn no_less(value: f64, digits: usize) -> f64 {
     cut(value, digits, true)
 }
@@ -327,7 +329,7 @@ impl DesignReport {
         self.findings.push(Finding { section, name, value, unit, verdict, note });
     }
 
-    /// The eigenvalues of a matrix whose modes must decay, where that is asked for.
+    /// Adds the eigenvalues of a matrix; its modes must decay if `must_decay`.
     pub fn eigenvalues(&mut self, name: &str, matrix: &DMatrix<f64>, must_decay: bool) {
         match eigenvalues(matrix) {
             Err(reason) => self.judge(name, "not found", "", Verdict::NotSound, format!("{name}: {reason}")),

@@ -19,7 +19,7 @@ const FAR: f64 = 6.0;
 /// Standard deviation over median amount, of Gaussian noise.
 const OVER_MEDIAN: f64 = 1.4826;
 
-/// The most wrong cells of a signal within so many rows of each other.
+/// The most wrong cells of a signal, and number of rows within which they count as near each other.
 const MOST_NEAR: usize = 3;
 const NEAR: usize = 10;
 /// A cell that is this many times further off than those near it is a wrong one.

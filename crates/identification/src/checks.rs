@@ -32,7 +32,7 @@ const FAST: f64 = 1.5;
 const COLOURED: f64 = 2.0;
 /// Largest relative error of an unstable pole.
 const UNSTABLE: f64 = 0.05;
-/// A record should have so many of the slowest time constants.
+/// Length that a record should have, in slowest time constants.
 const TIME_CONSTANTS: f64 = 3.0;
 /// Probability with which a correlation of residuals and an input is reported where there is none.
 const BY_CHANCE: f64 = 0.001;

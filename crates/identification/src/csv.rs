@@ -34,7 +34,7 @@ pub struct Column {
     pub unit: Option<String>,
     /// A number for each row; NaN where there is none.
     pub values: Vec<f64>,
-    /// The cells as they stand, of a column that was asked for as text.
+    /// The unchanged cells of a column that was requested as text.
     pub texts: Vec<String>,
 }
 

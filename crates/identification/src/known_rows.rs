@@ -13,7 +13,7 @@ use crate::uncertainty::Uncertainty;
 
 /// Factors between units that are mixed up.
 const FACTORS: [f64; 6] = [57.2958, 0.0174533, 9.5493, 0.10472, 60.0, 1000.0];
-/// A factor is that one within so many standard errors, and isn't 1.
+/// Number of standard errors within which a factor counts as a known one, and beyond which it isn't 1.
 const SURE: f64 = 5.0;
 /// A quick estimate must be off by this factor before a fit is made.
 const SUSPICIOUS: f64 = 1.1;

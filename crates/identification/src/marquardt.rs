@@ -57,7 +57,8 @@ pub trait Objective {
     fn normal_equations(&self, unknowns: &[f64], weights: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>, Value)>;
 }
 
-/// Searches from a point in so many steps at most. `None` where the point itself isn't allowed, or no derivatives are found.
+/// Searches from a point in at most `steps` steps. `None` if the point itself isn't allowed, or no derivatives are
+/// found.
 pub fn search(objective: &impl Objective, start: &[f64], steps: usize) -> Option<Fit> {
     let mut weights = objective.value(start, &vec![1.0; objective.signals()])?.weights();
     let mut fit = Fit { unknowns: start.to_vec(), value: objective.value(start, &weights)? };
@@ -151,7 +152,7 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// No residuals of so many signals.
+    /// Returns it without residuals, for this number of signals.
     pub fn new(signals: usize) -> Self {
         Sums { squares: vec![0.0; signals], counts: vec![0.0; signals] }
     }

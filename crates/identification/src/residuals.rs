@@ -15,7 +15,7 @@ pub(crate) const LAGS: usize = 20;
 pub struct Correlations {
     /// Autocorrelations of each signal's residual at lags of 1 to 20 rows, in units of 1/√N.
     pub own: Vec<Vec<f64>>,
-    /// Correlations of each signal's residual with each input so many rows earlier, from -20 to 20, in units of its standard error.
+    /// Correlations of each signal's residual with each input -20 to 20 rows earlier, in units of its standard error.
     pub with_inputs: Vec<Vec<Vec<f64>>>,
 }
 

@@ -113,8 +113,8 @@ fn factor_of(place: Place, record: usize, over: &DVector<f64>, data: &Data) -> f
     }
 }
 
-/// One-step least squares over rows with the commonest step, with an input so many rows late, without as many first rows of each
-/// segment: factors of signals, inputs and constants, and the residuals.
+/// One-step least squares over rows with the commonest step, with one input `late` rows later, and without the first
+/// `without` rows of each segment: factors of signals, inputs and constants, and the residuals.
 fn regression(data: &Data, (input, late): (usize, usize), without: usize) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
     let (n, m, records) = (data.n, data.m, data.records);
     let mut pairs = Vec::new();

@@ -5,7 +5,7 @@ pub fn number(value: f64) -> String {
     digits(value, 3)
 }
 
-/// A number with so many significant digits, without zeros at the end.
+/// A number with this number of significant digits, without zeros at the end.
 pub fn digits(value: f64, count: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{}", if value == 0.0 { 0.0 } else { value });

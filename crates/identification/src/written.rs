@@ -63,7 +63,7 @@ fn courses_of(parts: &Parts) -> Vec<SimulatedCourse> {
         .collect()
 }
 
-/// A model whose states are what is measured, as a file has it.
+/// A model with measured states, for a file.
 fn file(parts: Parts) -> Model {
     let Parts { data, layout, results, names: Names { signals, .. }, .. } = parts;
     let Results { uncertainty, fits, .. } = results;

@@ -286,7 +286,7 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
     Ok(records)
 }
 
-/// Assumptions about a file that has so many records.
+/// Assumptions about a file with this number of records.
 fn assumed(table: &Table, time: Option<&str>, records: usize) -> Vec<String> {
     let mut lines = table.assumed.clone();
     let of_time =
@@ -409,7 +409,7 @@ fn written(Free(matrix, row, column): &Free) -> String {
     format!("{matrix}[{row},{column}]")
 }
 
-/// Names of the signals between which an entry stands, as `speed' / current`.
+/// Names of the signals that an entry relates, as `speed' / current`.
 fn meaning(Free(matrix, row, column): &Free, model: &Model) -> String {
     let name = |names: &[String], place: usize| names.get(place - 1).cloned().unwrap_or_default();
     let (state, from) = (name(&model.states, *row), if matrix == "A" { &model.states } else { &model.inputs });

@@ -70,7 +70,7 @@ struct League {
     _unpacked: Option<Scratch>,
 }
 
-/// Computes what is asked for and isn't there yet, and makes the page of all that is there.
+/// Computes the requested results that are missing, and writes the page of all results.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let league = League::new(arguments)?;
     if let Some(text) = &arguments.job {

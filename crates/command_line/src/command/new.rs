@@ -1,5 +1,5 @@
-//! `new`: the description of a unit of one's own, with a comment at each setting, ready to be exported as it stands; and
-//! the structure of a loop of given units.
+//! `new`: the description of the user's own FMU, with a comment at each setting, ready for export; and the structure of
+//! a loop of given components.
 
 mod closed_loop;
 mod excitation;

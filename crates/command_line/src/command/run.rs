@@ -152,7 +152,7 @@ impl Run {
     }
 }
 
-/// A run as a program that is served wants it: how it was run, what came of it, and how it is to be drawn.
+/// JSON about a run for a program that is served: settings, results and diagrams.
 pub fn about(report: &Report, results: Option<&Path>) -> Value {
     let Report { structure, settings, whole, measured, ending, .. } = report;
     let (Settings { start_time, stop_time, step }, order) = (settings, structure.order);

@@ -58,7 +58,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
     while let Some(asked) = next(&requests) {
         let Request { request, arguments, folder, workers } = match asked {
             Ok(request) => request,
-            // Who asked waits for the end all the same.
+            // The program that asked waits for the end nevertheless.
             Err(reason) => {
                 tell!("error: {reason}");
                 console::send("end", &json!(NOT_UNDERSTOOD), &[]);
@@ -92,7 +92,8 @@ fn next(requests: &Receiver<Asked>) -> Option<Asked> {
     None
 }
 
-/// Hands requests over; to stop one is heard while it is answered. When nobody asks any more, whatever runs is to stop.
+/// Passes requests on; a request to stop one is accepted while that is answered. When there are no more requests,
+/// whatever runs is stopped.
 fn listen(sender: &Sender<Asked>) {
     let mut last = 0;
     for line in stdin().lock().split(b'\n').map_while(Result::ok) {

@@ -22,7 +22,7 @@ pub struct Tuned {
     pub task: Task,
     pub best: Best,
     pub before: Option<Before>,
-    /// The best values in another form than that of the search: in which, and what came of it.
+    /// Another form of the loop than that of the search, and the outcome of the best values in it.
     pub again: Option<(&'static str, Outcome)>,
     /// The swarm after the last whole generation.
     pub swarm: Swarm,

@@ -38,7 +38,7 @@ impl OfRequest {
 /// Takes a result.
 pub fn take(number: u64, result: Value) {
     if let Some(sender) = &*RESULTS.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) {
-        // That of a request that has ended is for nobody.
+        // Results of a request that has ended are dropped.
         let _ = sender.send((number, result));
     }
 }

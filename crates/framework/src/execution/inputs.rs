@@ -23,7 +23,7 @@ impl Execution {
         previous.is_some_and(|previous| self.block.reals[inputs] != self.values()[previous])
     }
 
-    /// Decides how inputs go during this step; whether they change at all.
+    /// Decides the course of inputs during this step. Returns true if they change at all.
     pub(super) fn prepare_inputs(&mut self, workspace: &mut Workspace, step: f64, first: bool) -> bool {
         let controls = self.model.controls();
         let (Some(handling), Some(given_slopes), Some(slopes), Some(previous), Some(last_inputs)) = (

@@ -79,7 +79,8 @@ impl Execution {
         &self.model
     }
 
-    /// Takes compiled equations in place of the generic ones, from now on; whether they are those of its model.
+    /// Uses compiled equations in place of the generic ones from now on. Returns false if they aren't those of its
+    /// model.
     pub fn take_kernel(&mut self, kernel: Kernel) -> bool {
         let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries());
         if fits {
@@ -95,8 +96,8 @@ impl Execution {
         self.settled.insert(Box::new(Settled::of(&self.model, &self.block)))
     }
 
-    /// Takes equations that were compiled for the [settled](Execution::settle) parameters; whether they are those of its model
-    /// and parameters. As soon as any is another, the generic equations are back.
+    /// Uses equations that were compiled for the [settled](Execution::settle) parameters. Returns false if they aren't
+    /// those of its model and parameters. When a parameter changes, the generic equations are back.
     pub fn take_folded_kernel(&mut self, kernel: Kernel) -> bool {
         let taken = self.settled.as_ref().is_some_and(|it| it.holds(&self.block)) && self.take_kernel(kernel);
         self.folded |= taken;
@@ -272,7 +273,7 @@ impl Execution {
         Ok(())
     }
 
-    /// Takes over the parameters that were set since the last step, all or none; whether there were any.
+    /// Takes over the parameters that were set since the last step, all or none. Returns true if there were any.
     ///
     /// # Errors
     /// Every reason for which they are refused; the last valid set is in force again.
@@ -364,8 +365,8 @@ impl Execution {
         Settings { method, fixed_steps, relative_tolerance, most_work, leaves_end, ..Settings::default() }
     }
 
-    /// Takes over the parameters that were set since the last step, then advances from t by one communication step;
-    /// whether parameters were taken over.
+    /// Takes over the parameters that were set since the last step, then advances from t by one communication step.
+    /// Returns true if parameters were taken over.
     ///
     /// # Errors
     /// [`StepError::Parameters`] when they are refused: the last valid ones are in force again. Else why the step
@@ -461,7 +462,7 @@ impl Execution {
         }
     }
 
-    /// True if the equations hold where the instance stands evaluated, with what is wrong and the time.
+    /// Checks whether the equations hold at the evaluated point; an error has the reasons and the time.
     fn check(&mut self) -> Result<(), Invalid> {
         let t = self.time();
         self.model.equations().check(t, &mut self.block.point(&self.model, &mut self.log));

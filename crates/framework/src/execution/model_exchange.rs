@@ -239,7 +239,7 @@ impl Execution {
         self.values()[self.model.controls().completed]
     }
 
-    /// Takes note of a completed step of the master's integrator; whether it ends at an event, be it that inputs wait
+    /// Takes note of a completed step of the master's integrator. Returns true if it ends at an event, or inputs wait
     /// for one.
     ///
     /// # Errors

@@ -64,7 +64,7 @@ pub(crate) fn ok(answer: Answer) -> Answer<Status> {
 /// A C array; `None` for NULL with elements.
 ///
 /// # Safety
-/// A pointer that isn't NULL must be that of so many elements.
+/// A pointer that isn't NULL points to `len` elements.
 pub(crate) unsafe fn array<'a, T>(pointer: *const T, len: usize) -> Option<&'a [T]> {
     match (pointer.is_null(), len) {
         (_, 0) => Some(&[]),

@@ -156,7 +156,7 @@ impl Instance {
         })
     }
 
-    /// The answer where derivatives were handed out, unless one of them is broken.
+    /// The answer after derivatives were returned: an error if one of them is broken.
     fn answer_for(&mut self, function: Function, references: &[u32], broken: Option<(usize, f64)>) -> Status {
         broken.map_or(Status::Ok, |(k, value)| {
             let what = format!("the derivative of `{}`", self.name(references[k]));

@@ -62,8 +62,8 @@ pub fn as_the_host<T>(callback: impl FnOnce() -> T) -> T {
     answer
 }
 
-/// SSE does the arithmetic; the x87 unit stands behind some mathematical functions of Windows. Of that the flags are
-/// left as they are, unless its control differs from the default: to look at them takes longer than all the rest.
+/// SSE does the arithmetic; some mathematical functions of Windows use the x87 unit. Its flags are left as they are,
+/// unless its control differs from the default: looking at them takes longer than everything else.
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 mod state {

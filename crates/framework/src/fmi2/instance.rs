@@ -31,7 +31,7 @@ pub struct Instance {
     pub(super) identity: [u8; 16],
     /// Destination of messages.
     pub logger: Logger,
-    /// The standard and the interface that it was made for.
+    /// Standard and interface of the instance.
     pub(crate) of: (Standard, Interface),
     pub(crate) phase: Phase,
     pub(super) stop_time: Option<f64>,
@@ -135,7 +135,7 @@ impl Instance {
         Functions::of(&self.unit.model, &|leaf| settled.known(leaf))
     }
 
-    /// Takes compiled equations; whether they are those of its model.
+    /// Uses compiled equations. Returns false if they aren't those of its model.
     pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel, folded: bool) -> bool {
         if folded { self.execution.take_folded_kernel(kernel) } else { self.execution.take_kernel(kernel) }
     }

@@ -8,8 +8,8 @@ use super::types::{Boolean, Component, FALSE, Reply, TRUE};
 use super::{describe, floating_point, panics};
 use crate::kernel::Kernel;
 
-/// Replies what a kernel of an instance's equations is compiled from, for any parameters or folded, for those that it has;
-/// whether it did.
+/// Replies with the functions to compile for a kernel of an instance's equations, for any parameters or folded, for the
+/// present ones. Returns true if it did.
 ///
 /// # Safety
 /// The instance is alive and in no other call; `reply` may be called with `context`.
@@ -26,8 +26,8 @@ pub unsafe fn kernel_functions(c: Component, folded: Boolean, reply: Option<Repl
     TRUE
 }
 
-/// Has an instance evaluate its equations by a kernel from now on; whether that is one of its model, and folded, of the
-/// parameters that it has. One that is folded is left as soon as any of these is another.
+/// Has an instance evaluate its equations by a kernel from now on. Returns false if the kernel isn't one of its model
+/// or, if folded, of its present parameters. The instance drops a folded kernel when a parameter changes.
 ///
 /// # Safety
 /// The instance is alive and in no other call. The kernel is NULL or what was compiled from what an instance of this model

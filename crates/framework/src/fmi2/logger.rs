@@ -66,8 +66,8 @@ struct Message {
     text: CString,
 }
 
-// SAFETY: the environment pointer is only handed back to the master's own function, from the thread that called in;
-// the standard lets a master move an instance between threads.
+// SAFETY: the environment pointer is only passed back to the master's own function, from the thread that called in; the
+// standard lets a master move an instance between threads.
 #[allow(unsafe_code)]
 unsafe impl Send for Logger {}
 

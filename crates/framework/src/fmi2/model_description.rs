@@ -124,8 +124,7 @@ fn write(xml: &mut Xml, model: &Model) -> io::Result<()> {
     })
 }
 
-/// The error that a unit tolerates by itself; a unit without states tolerates none, and masters ask for a number all the
-/// same.
+/// The error that an FMU tolerates by default. An FMU without states tolerates none, but masters ask for a number.
 pub(super) fn tolerance(variables: &Variables) -> f64 {
     variables.find("relative_tolerance").map_or(1e-6, |element| element.start())
 }

@@ -62,7 +62,7 @@ impl Instance {
         Ok(())
     }
 
-    /// fmi2CompletedIntegratorStep; whether Event Mode is to be entered.
+    /// fmi2CompletedIntegratorStep. Returns true if Event Mode is to be entered.
     ///
     /// # Errors
     /// When a value has grown beyond any use or is no number, which leaves the instance in error, or beyond the stop time.

@@ -165,8 +165,8 @@ macro_rules! bind_old_glibc {
     };
 }
 
-/// The parts of which such a function consists. It is weak, as Rust's standard library refers to some of them; the linker
-/// takes it all the same.
+/// The parts of such a function. It is weak, as Rust's standard library refers to some of them; the linker uses it
+/// nevertheless.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! old_glibc_text {

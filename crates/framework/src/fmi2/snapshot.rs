@@ -176,7 +176,7 @@ impl Slots {
         self.slot(name)?.saved.as_mut()
     }
 
-    /// Forgets a state; whether there was one.
+    /// Frees a state. Returns true if there was one.
     pub fn free(&mut self, name: usize) -> bool {
         self.slot(name).is_some_and(|slot| slot.saved.take().is_some())
     }

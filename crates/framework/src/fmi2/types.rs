@@ -72,7 +72,7 @@ pub struct CallbackFunctions {
     pub free_memory: Option<unsafe extern "C" fn(*mut c_void)>,
     /// Never called: no step is asynchronous.
     pub step_finished: Option<unsafe extern "C" fn(*mut c_void, Status)>,
-    /// Handed back to the logger.
+    /// Passed back to the logger.
     pub component_environment: *mut c_void,
 }
 

@@ -187,7 +187,7 @@ pub struct Dop853 {
 }
 
 impl Dop853 {
-    /// A workspace for so many states.
+    /// A workspace for this number of states.
     pub fn new(states: usize) -> Self {
         Dop853 { k: vec![[0.0; KEPT]; states], errors: vec![0.0; states] }
     }

@@ -30,7 +30,7 @@ const MIDDLE: [f64; STAGES] = [
 ];
 /// Scaled error below which kinks are not looked for: what a kink hides is tolerated too.
 const CLOSE: f64 = 1e-3;
-/// The disagreement with Simpson's rule is about so many times the error of a step with a kink.
+/// Ratio of the disagreement with Simpson's rule to the error of a step with a kink, about.
 const DISAGREEMENT: f64 = 2.0;
 
 /// Factor by which one substep multiplies the solution of x' = λ x, for z = λh.

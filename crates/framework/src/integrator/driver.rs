@@ -177,7 +177,7 @@ impl Driver {
         Ok(())
     }
 
-    /// Reason why a step of this length reaches only `time` with so many events and substeps.
+    /// Reason why a step of this length reaches only `time` with these events and substeps.
     fn overworked(
         &self,
         problem: &mut Problem,
@@ -196,7 +196,7 @@ impl Driver {
         StepError::Diverged { variable: state_name(problem, largest), value: problem.states()[largest], time }
     }
 
-    /// One accepted substep towards `target`; whether it ended at a state event.
+    /// Takes one accepted substep towards `target`. Returns true if it ended at a state event.
     fn substep(
         &mut self,
         problem: &mut Problem,
@@ -245,8 +245,7 @@ impl Driver {
         }
     }
 
-    /// The substep to try first: the one that is suggested, where there is so long a way to go, and what eigenvalues
-    /// allow.
+    /// The substep to try first: the suggested one, limited by the way left and by the eigenvalues.
     fn first_substep(&self, pace: &mut Pace, way: f64, smallest: f64) -> f64 {
         let suggested = self.methods.suggested(pace);
         let longest = self.methods.longest(pace).max(smallest);
@@ -293,7 +292,7 @@ impl Driver {
         if problem.moved || self.methods.by_itself() { relative } else { pace.limits.tolerated(relative) }
     }
 
-    /// Chooses the method of a substep that begins where the problem stands.
+    /// Chooses the method of a substep from the problem's present point.
     fn begin(
         &mut self,
         problem: &Problem,

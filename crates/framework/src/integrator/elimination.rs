@@ -89,7 +89,7 @@ impl Elimination {
         })
     }
 
-    /// Decomposes `diagonal` I − J, J by columns with the pattern that this was made for; whether that is accurate.
+    /// Decomposes `diagonal` I − J, J by columns with this pattern. Returns true if the result is accurate.
     pub fn decompose(&mut self, diagonal: f64, jacobian: &[f64]) -> bool {
         let (n, sparsity) = (self.inverse.len(), Arc::clone(&self.sparsity));
         let Some(pattern) = sparsity.pattern() else { return false };
@@ -107,7 +107,7 @@ impl Elimination {
         (0..n).all(|i| self.eliminate(i, pattern))
     }
 
-    /// Eliminates what is left of the diagonal in a row; whether its pivot is accurate.
+    /// Eliminates the entries left of the diagonal in a row. Returns true if its pivot is accurate.
     fn eliminate(&mut self, i: usize, pattern: &Pattern) -> bool {
         let n = self.inverse.len();
         let (above, rest) = self.a.split_at_mut(i * n);

@@ -80,14 +80,14 @@ impl Driver {
         false
     }
 
-    /// Evaluates the problem at t and notes which indicators changed sides since they were last known; whether any
-    /// did. Inputs, parameters and states that were set may have taken an indicator across.
+    /// Evaluates the problem at t and notes which indicators changed sides since they were last known. Returns true if
+    /// any did. Inputs, parameters and states that were set may have taken an indicator across.
     pub(super) fn jumped(&mut self, problem: &mut Problem, t: f64) -> bool {
         problem.evaluate(t);
         self.crossed(problem, t)
     }
 
-    /// The same where the problem stands evaluated.
+    /// The same for an evaluated problem.
     pub(super) fn crossed(&mut self, problem: &Problem, t: f64) -> bool {
         problem.event_indicators(t, &mut self.indicators.after);
         let crossed = self.indicators.note_crossed();
@@ -127,7 +127,7 @@ impl Driver {
     }
 
     /// Handles the events at t: of indicators that changed sides since they were last known, and time events that are
-    /// due, or lie so little behind it. The problem then stands evaluated. Whether there were any.
+    /// due or at most the slack after it. The problem is then evaluated. Returns true if there were any.
     ///
     /// # Errors
     /// When they don't end.
@@ -145,8 +145,8 @@ impl Driver {
         Ok(any)
     }
 
-    /// Takes over the sides on which the indicators of an evaluated problem are at t. One that changed sides keeps the
-    /// side where it was, for the event that this is; whether there is such a one, or a time event is due.
+    /// Takes over the sides of the indicators of an evaluated problem at t. One that changed sides keeps its old side,
+    /// for the coming event. Returns true if there is one, or a time event is due.
     pub fn event_pending(&mut self, problem: &Problem, t: f64) -> bool {
         problem.event_indicators(t, &mut self.indicators.after);
         self.indicators.take_over();
@@ -209,11 +209,11 @@ impl Driver {
         problem.evaluate(t);
     }
 
-    /// Takes over where the indicators are behind an event at t, where the problem stands evaluated; `start` has the
-    /// states that the event met, and `after` the indicators. `moved`: the motion has brought it.
+    /// Takes over the values of the indicators after an event at t, with the problem evaluated; `start` has the states
+    /// before the event, and `after` the indicators. `moved`: the motion has caused it.
     ///
     /// # Errors
-    /// When the event stopped a motion that goes on all the same.
+    /// When the event stopped a motion that goes on nevertheless.
     fn sides_behind(&mut self, problem: &mut Problem, t: f64, moved: bool) -> Result<(), StepError> {
         let known = &mut self.indicators;
         if known.is_empty() {
@@ -288,8 +288,8 @@ impl Driver {
         Ok(())
     }
 
-    /// The length of a tangent along which states change by a small part of their magnitudes, before an event and
-    /// behind it, where the problem stands.
+    /// The length of a tangent along which states change by a small part of their magnitudes, before an event and at
+    /// the present point after it.
     fn tangent(&self, problem: &mut Problem) -> f64 {
         let longest = if self.indicators.span > 0.0 { TANGENT_TIME * self.indicators.span } else { f64::INFINITY };
         let (states, rates) = problem.states_and_rates();
@@ -387,7 +387,7 @@ impl Driver {
     }
 }
 
-/// The indicators a little ahead on the tangent of a problem that stands evaluated at t.
+/// The indicators a little ahead on the tangent of a problem that is evaluated at t.
 fn ahead(problem: &mut Problem, t: f64, length: f64, z: &mut [f64]) {
     let (states, rates) = problem.states_and_rates();
     states.iter_mut().zip(rates).for_each(|(x, rate)| *x += length * rate);

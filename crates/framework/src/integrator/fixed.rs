@@ -35,7 +35,7 @@ impl RungeKutta {
         RungeKutta { sum: vec![0.0; states] }
     }
 
-    /// Takes the states a step h on from `start`, where the problem stands evaluated, and evaluates it at `end`.
+    /// Advances the states by h from `start`, with the problem evaluated there, and evaluates it at `end`.
     fn step(&mut self, problem: &mut Problem, start: &Start, h: f64, end: f64) {
         self.sum.copy_from_slice(&start.rates);
         for (length, weight) in [(0.5 * h, 2.0), (0.5 * h, 2.0), (h, 1.0)] {

@@ -155,7 +155,7 @@ impl Indicators {
         }
     }
 
-    /// Notes which have changed sides on the way to `after`; whether any has.
+    /// Notes which have changed sides on the way to `after`. Returns true if any has.
     pub fn note_crossed(&mut self) -> bool {
         for i in 0..self.after.len() {
             self.crossed[i] = self.has_left(i, self.after[i]);

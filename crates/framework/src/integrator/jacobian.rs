@@ -58,7 +58,7 @@ impl Jacobian {
         &self.entries
     }
 
-    /// Evaluates both where the problem stands.
+    /// Evaluates both at the problem's present point.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number.
@@ -76,7 +76,7 @@ impl Jacobian {
         broken.map_or(Ok(()), |(_, row)| Err(row))
     }
 
-    /// Evaluates both by compiled equations, where there are any; whether it did.
+    /// Evaluates both by compiled equations. Returns false if there are none.
     fn evaluate_by_kernel(&mut self, problem: &Problem, t: f64) -> bool {
         let slopes = (!problem.held).then_some(problem.ramp.slopes);
         let block = (&*problem.reals, &*problem.integers);

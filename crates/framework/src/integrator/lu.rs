@@ -12,7 +12,7 @@ pub struct Lu {
 }
 
 impl Lu {
-    /// Storage for matrices of so many rows.
+    /// Storage for matrices with this number of rows.
     pub fn new(size: usize) -> Self {
         Lu { size, a: Vec::with_capacity(size * size), pivots: vec![0; size] }
     }
@@ -23,7 +23,7 @@ impl Lu {
         &mut self.a
     }
 
-    /// Decomposes the matrix; whether it is regular.
+    /// Decomposes the matrix. Returns true if it is regular.
     pub fn decompose(&mut self) -> bool {
         let n = self.size;
         for k in 0..n {

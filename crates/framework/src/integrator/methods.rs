@@ -132,7 +132,7 @@ pub struct Methods {
     /// Both are decided anew in each.
     by_itself: bool,
     given_up: bool,
-    /// True if an explicit substep goes by the method of order 8. Decided anew in each.
+    /// True if an explicit substep uses the method of order 8. Decided anew in each.
     by_order_8: bool,
     work: Work,
     /// Work of a typical system with this number of states, on which choices depend.
@@ -199,7 +199,7 @@ impl Methods {
         self.given_up = false;
     }
 
-    /// Notes what integrates from a time on, for those who want to know.
+    /// Notes the integration method from a time on, for reports.
     pub fn note(&mut self, asked: IntegrationMethod, from: f64, pace: &Pace) {
         let by = match asked {
             IntegrationMethod::Fixed => Integrates::Fixed,
@@ -306,8 +306,8 @@ impl Methods {
         }
     }
 
-    /// Decides by which method the substep goes that begins where the problem stands, with so long a way to go and this
-    /// relative tolerance, and prepares it; the work that this was.
+    /// Chooses the method of the substep from the problem's present point, with this length left and this relative
+    /// tolerance, and prepares it. Returns the work of that.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number, if the stiff method was asked for.

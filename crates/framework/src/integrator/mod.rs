@@ -153,7 +153,7 @@ pub struct Problem<'a> {
     pub moved: bool,
     /// Destination of messages.
     pub log: &'a mut MessageLog,
-    /// Its equations, compiled, where they were handed over.
+    /// Its compiled equations, if there are any.
     pub kernel: Option<&'a Kernel>,
 }
 
@@ -231,7 +231,7 @@ impl<'a> Problem<'a> {
         Point::new(self.reals, self.integers, self.variables.offsets(), self.log)
     }
 
-    /// True if the equations hold at t, where the problem stands evaluated.
+    /// Checks whether the equations hold at t, with the problem evaluated there.
     fn check(&mut self, t: f64) -> Result<(), Invalid> {
         self.equations().check(t, &mut self.point());
         self.log.accepted().map_err(|invalid| self.variables.told_of(invalid).at(t))
@@ -262,7 +262,7 @@ pub struct Start {
 }
 
 impl Start {
-    /// Takes over where a problem stands, at time t.
+    /// Takes over a problem's states and rates at time t.
     #[inline]
     fn set(&mut self, problem: &mut Problem, t: f64) {
         self.time = t;
@@ -301,7 +301,7 @@ impl Tolerance<'_> {
 
 /// A one-step method: explicit, implicit, or a system's own.
 pub trait OneStepMethod: Send {
-    /// Prepares attempts from `start`, where the problem stands.
+    /// Prepares attempts from `start`, where the problem is evaluated.
     ///
     /// # Errors
     /// The state whose rate has a derivative that is no number, where the method needs that.

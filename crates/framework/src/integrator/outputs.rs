@@ -11,12 +11,12 @@ const MOST_AMPLIFIED: f64 = 1e4;
 /// An output's error in a substep may be this part of what is tolerated: an error of the control stays until the loop has
 /// answered it, and those of many substeps add up.
 const PART: f64 = 0.1;
-/// A control before its limits counts in the magnitude that it has within them, up to so many times that.
+/// A control before its limits counts in the magnitude that it has within them, up to this multiple of it.
 const FAR: f64 = 10.0;
 /// Factor on the error estimate of a substep in which a control reaches or leaves a limit: rates have a kink there, and the
 /// difference of the two solutions doesn't show it.
 const KINK: f64 = 6.0;
-/// Relative accuracy of states below which nothing is asked for the sake of outputs.
+/// Smallest relative accuracy of states that is asked for the sake of outputs.
 const ROUNDING: f64 = 1e-13;
 
 /// Continuous outputs that aren't states, and what counts as such: a control before its limits cut it. With storage for them.
@@ -50,7 +50,7 @@ impl Outputs {
         }
     }
 
-    /// Takes over the values where a substep begins, where the problem stands evaluated.
+    /// Takes over the values at the start of a substep, with the problem evaluated there.
     pub fn begin(&mut self, problem: &Problem) {
         let values = &problem.reals[self.written.clone()];
         for ((before, cut), &(place, output, _)) in self.before.iter_mut().zip(&mut self.cut).zip(&self.places) {
@@ -64,8 +64,8 @@ impl Outputs {
         self.places.iter().zip(&self.cut).any(|(&(place, output, _), &cut)| cut != (values[place] != values[output]))
     }
 
-    /// The largest error of an output in units of what is tolerated, right after an attempt to t, from `errors`
-    /// of the states, whose own largest is `scaled`. The problem stands as before.
+    /// The largest error of an output in units of what is tolerated, right after an attempt to t, from `errors` of the
+    /// states, whose own largest is `scaled`. The problem is unchanged afterwards.
     pub fn error(&mut self, problem: &mut Problem, t: f64, errors: &[f64], scaled: f64, tolerance: Tolerance) -> f64 {
         let scaled = scaled * if self.has_kink(problem) { KINK } else { 1.0 };
         let amplified = (tolerance.relative / ROUNDING).clamp(1.0, MOST_AMPLIFIED);

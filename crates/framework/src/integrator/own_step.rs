@@ -24,7 +24,7 @@ impl OwnStep {
         }
     }
 
-    /// One stride from where the problem stands; whether it was possible.
+    /// Takes one stride from the problem's present point. Returns true if it was possible.
     fn stride(&mut self, problem: &mut Problem, time: f64, length: f64) -> bool {
         let (whole, workspace) = (&mut self.states, &mut self.workspace);
         let stride = Stride { time, length, slopes: problem.ramp.slopes, whole, workspace };

@@ -64,7 +64,7 @@ const C8: [f64; 7] = [
     -9.48861652309627,
 ];
 
-/// A correction after the last one may be so large a part of it; else the Jacobian isn't what it was at the start.
+/// Largest ratio of one more correction to the last one; beyond it, the Jacobian isn't what it was at the start.
 const LEFT_OVER: f64 = 0.5;
 /// Part of a state's magnitude below which a correction may be rounding.
 const ROUNDING: f64 = 1e-13;
@@ -146,7 +146,7 @@ impl Rosenbrock {
         self.factors.resize(kernel.factors().unwrap_or_default(), 0.0);
     }
 
-    /// Decomposes I/(γh) − J; whether it is regular.
+    /// Decomposes I/(γh) − J. Returns true if it is regular.
     fn decompose(&mut self, h: f64, kernel: Option<&Kernel>) -> bool {
         let (diagonal, by_states) = (1.0 / (GAMMA * h), self.jacobian.by_states());
         let accurate = if let Some(kernel) = kernel.filter(|kernel| kernel.factors().is_some()) {
@@ -178,7 +178,7 @@ impl Rosenbrock {
         problem.states().iter_mut().zip(&self.u).for_each(|(x, u)| *x += u[stage]);
     }
 
-    /// Evaluates the problem at a stage, where its states stand, and solves the stage's equations.
+    /// Evaluates the problem at a stage, with the stage's states set, and solves the stage's equations.
     fn stage<const N: usize>(&mut self, problem: &mut Problem, start: &Start, h: f64, weights: &[f64; N]) {
         problem.evaluate(start.time + NODES[N] * h);
         self.solve((problem.rates(), problem.kernel), h, weights);

@@ -56,7 +56,7 @@ impl<const N: usize> Reflection<N> {
 }
 
 impl Spectrum {
-    /// Storage for matrices of so many rows.
+    /// Storage for matrices with this number of rows.
     pub fn new(size: usize) -> Self {
         Spectrum {
             size,
@@ -67,7 +67,7 @@ impl Spectrum {
         }
     }
 
-    /// Finds the eigenvalues of a matrix, by columns or by rows; whether it could.
+    /// Finds the eigenvalues of a matrix, by columns or by rows. Returns false if it can't.
     pub fn find(&mut self, matrix: &[f64]) -> bool {
         // Zeros have no sign here: reflections would go by it.
         self.a.clear();
@@ -177,7 +177,7 @@ impl Spectrum {
         }
     }
 
-    /// Splits the Hessenberg matrix into blocks of one and two rows, from its end; whether that succeeds.
+    /// Splits the Hessenberg matrix into blocks of one and two rows, from its end. Returns true if that succeeds.
     fn split(&mut self, active: Range<usize>, norm: f64) -> bool {
         let (mut end, mut shifts) = (active.end, 0);
         while end > active.start {

@@ -21,7 +21,7 @@ const PATIENCE: f64 = 4.0;
 const STIFF_WORK: f64 = 3.0;
 /// The shortest wait, as a part of that.
 const LEAST_INTERVAL: f64 = 1e-3;
-/// A Jacobian that became so many times larger or smaller is looked at, whatever it takes.
+/// Change of the Jacobian's size, as a factor, after which it is looked at, whatever it takes.
 const CHANGE: f64 = 1.25;
 
 /// Looks at eigenvalues.
@@ -48,7 +48,7 @@ impl Watch {
         pace.until_look <= 0.0
     }
 
-    /// The explicit method looks, at a Jacobian that was made for that.
+    /// Looks at a Jacobian that was computed for that, for the explicit method.
     pub fn look_for_explicit(&mut self, jacobian: &Jacobian, way: f64, pace: &mut Pace) {
         self.look(jacobian, pace);
         let work = self.work[0] + self.work[1];
@@ -56,7 +56,7 @@ impl Watch {
         pace.until_look = EXPLICIT_WORK * work * if far { PATIENCE } else { 1.0 };
     }
 
-    /// The stiff method looks at the Jacobian of its substep, if that is due or it has changed; whether it did.
+    /// Looks at the Jacobian of the stiff method's substep, if that is due or it has changed. Returns true if it did.
     pub fn look_for_stiff(&mut self, jacobian: &mut Jacobian, nominals: &[f64], way: f64, pace: &mut Pace) -> bool {
         let size = jacobian.size(nominals);
         let changed = size > CHANGE * pace.jacobian_size || pace.jacobian_size > CHANGE * size;

@@ -148,7 +148,7 @@ pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option
                 ask(*yes, Some((*condition, true)));
                 ask(*no, Some((*condition, false)));
             }
-            // As C has them: the second is asked for where the first doesn't decide.
+            // The second is needed only if the first doesn't decide, as in C.
             Operation::And(a, b) => {
                 ask(*a, None);
                 ask(*b, Some((*a, true)));

@@ -73,7 +73,7 @@ impl Instructions {
     pub fn of(tape: &Tape, wanted: &[Node]) -> Self {
         let mut writer = Writer::default();
         let needed = tape.needed(wanted);
-        // What is there before comes first, wherever it stands.
+        // Constants and leaves come first, wherever they are on the tape.
         writer.constants(tape.operations(), &needed);
         let is_leaf = |(place, operation): (usize, &Operation)| match operation {
             Operation::Leaf(leaf) if needed[place] => Some((place, *leaf)),

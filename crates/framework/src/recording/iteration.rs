@@ -1,8 +1,8 @@
 //! Iterations: a step recorded once, whatever how often it is carried out.
 //!
-//! While its condition and its step are recorded, an iteration stands open on the tape, so that both are ordinary equations.
-//! When it ends, what follows from its state is taken off the tape and becomes its [`Body`]; what doesn't stays before it,
-//! and is computed once.
+//! While its condition and its step are recorded, an iteration is open on the tape, so that both are ordinary
+//! equations. When it ends, operations that depend on its state are taken off the tape and become its [`Body`]. The
+//! others stay before it, and are computed once.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -87,7 +87,7 @@ enum Place {
 }
 
 impl Tape {
-    /// Begins an iteration over a state of so many numbers.
+    /// Begins an iteration over a state of `len` numbers.
     pub(super) fn begin_iteration(&mut self, len: usize) -> Open {
         let open = Open { begin: self.operations.len(), len, carried: self.carried };
         self.carried += len as u32;

@@ -15,7 +15,7 @@ thread_local! {
     static TAPE: RefCell<ManuallyDrop<Tape>> = RefCell::new(ManuallyDrop::new(Tape::default()));
 }
 
-/// Records what a function does, on a tape of its own that begins with memory for so many operations.
+/// Records a function's operations, on a tape of its own that begins with memory for this number of operations.
 pub(crate) fn on_tape<T>(operations: usize, record: impl FnOnce() -> T) -> (T, Tape) {
     let exchanged = |tape: Tape| ManuallyDrop::into_inner(TAPE.replace(ManuallyDrop::new(tape)));
     let mut tape = Tape::default();
@@ -29,16 +29,16 @@ fn add(operation: Operation) -> Node {
     TAPE.with_borrow_mut(|tape| tape.add(operation))
 }
 
-/// A number that stands for what it is computed by.
+/// A number, represented by the node that computes it.
 #[derive(Debug, Clone, Copy)]
 pub struct Recorded(pub(super) Node);
 
-/// A condition that stands for what it is computed by.
+/// A condition, represented by the node that computes it.
 #[derive(Debug, Clone, Copy)]
 pub struct Condition(pub(super) Node);
 
-/// True if they are the same number, as nalgebra asks of constants. Of other numbers nobody knows before they are given:
-/// the tape notes that equations looked at them.
+/// True if they are the same number, as nalgebra asks of constants. Other numbers aren't known yet: the tape notes that
+/// equations looked at them.
 impl PartialEq for Recorded {
     fn eq(&self, other: &Self) -> bool {
         TAPE.with_borrow_mut(|tape| match (tape.constant(self.0), tape.constant(other.0)) {

@@ -11,15 +11,16 @@ use super::tape::{Binary, Comparison, Leaf, Node, Operation, Tape, Unary};
 type Seed<'a> = dyn Fn(Node, &Operation) -> Option<Node> + 'a;
 
 impl Tape {
-    /// The changes of operations, where those of leaves are found by a function: of each of `wanted`, nothing where it
-    /// doesn't change. Nodes that a leaf's change is must stand on the tape.
+    /// The changes of operations, from a function for those of leaves: of each of `wanted`, none if it doesn't change.
+    /// The nodes of leaves' changes must be on the tape.
     pub fn tangents(&mut self, wanted: &[Node], seed: impl Fn(Leaf) -> Option<Node>) -> Vec<Option<Node>> {
         self.tangents_of(wanted, &|_, operation| if let Operation::Leaf(leaf) = operation { seed(*leaf) } else { None })
     }
 
-    /// The same, where what is given may also be what an iteration carries: a place on the tape, and what stands there.
+    /// The same with a function that also gives changes of numbers carried by an iteration: by their place on the tape
+    /// and the operation there.
     fn tangents_of(&mut self, wanted: &[Node], seed: &Seed) -> Vec<Option<Node>> {
-        // What was added before stands behind, and so does what is added here: it has no change itself.
+        // Operations after the last wanted one, and those added here, have no change themselves.
         let len = wanted.iter().map(|node| node.index() + 1).max().unwrap_or_default();
         let needed = needed(&self.operations[..len], wanted);
         let mut tangents: Vec<Option<Node>> = vec![None; len];
@@ -268,8 +269,8 @@ pub fn needed(operations: &[Operation], wanted: &[Node]) -> Vec<bool> {
     needed
 }
 
-/// The body of an iteration whose state of `len` numbers has their changes behind it, and of whose captured numbers some
-/// change: these changes stand behind all captured ones.
+/// The body of an iteration whose state of `len` numbers is followed by their changes. The changes of captured numbers,
+/// if any, follow all captured ones.
 fn with_changes(body: &Body, len: usize, changing: &[usize], captured: usize) -> Body {
     let mut tape = Tape::default();
     let mut moved: Vec<Node> = Vec::with_capacity(body.operations.len());

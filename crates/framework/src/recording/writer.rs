@@ -20,7 +20,7 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    /// Takes so many registers: the first of them.
+    /// Takes `count` registers and returns the first of them.
     pub(super) fn take(&mut self, count: usize) -> usize {
         let first = self.registers;
         self.registers += count;
@@ -148,7 +148,7 @@ impl Scope<'_> {
         self.places[node.index()].unwrap_or_default()
     }
 
-    /// Computes an operation behind its operands, unless that is done, or under way; whether it is done.
+    /// Computes an operation after its operands, unless that is done or under way. Returns true if it is done.
     fn computed(&mut self, place: usize) -> bool {
         if self.places[place].is_some() || self.is_open[place] {
             return self.places[place].is_some();
@@ -177,7 +177,7 @@ impl Scope<'_> {
         operands_are
     }
 
-    /// Writes an instruction with so many results: where the first of them is.
+    /// Writes an instruction with this number of results and returns the first one's register.
     fn push(&mut self, instruction: Instruction, results: usize) -> Register {
         let own = self.to;
         self.to += results as Register;

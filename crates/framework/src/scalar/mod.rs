@@ -152,11 +152,11 @@ pub trait Scalar:
     fn rounded_at_most(self) -> String;
     /// The same, rounded away from 0: a magnitude that suffices.
     fn rounded_at_least(self) -> String;
-    /// The number in a text, with an exponent and so many digits behind the point.
+    /// The number in a text, with an exponent and this number of decimals.
     fn scientific(self, digits: usize) -> String;
     /// The same, cut instead of rounded: the most that a text may advise.
     fn scientific_at_most(self, digits: usize) -> String;
-    /// The number in a text, with so many digits behind the point.
+    /// The number in a text, with this number of decimals.
     fn fixed(self, digits: usize) -> String;
 
     /// One of two values.

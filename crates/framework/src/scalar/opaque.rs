@@ -1,4 +1,4 @@
-//! Functions that equations call and that no arithmetic expresses: each stands here once for every scalar.
+//! Functions that equations call and that no arithmetic expresses, each once for every scalar.
 
 /// A function of numbers that is called as it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]

@@ -298,8 +298,8 @@ pub trait OwnStep {
         0
     }
 
-    /// True if it is worth its while over a step h from where the values stand, with this relative tolerance in force.
-    /// General integration goes on where it isn't.
+    /// True if it pays over a step h from these values, with this relative tolerance in force. If it doesn't, general
+    /// integration goes on.
     fn pays(&self, h: f64, relative_tolerance: f64, v: &Values<f64>) -> bool {
         let _ = (h, relative_tolerance, v);
         true
@@ -310,8 +310,9 @@ pub trait OwnStep {
     /// if the way doesn't hold for this stride: then general integration goes on.
     fn advance(&self, stride: Stride, v: &mut Point) -> bool;
 
-    /// Concludes a step: how far apart one `whole` stride and two halves arrive, both with their signals; the point
-    /// stands where the halves do. Its states may be improved from both. `tolerance` is what the user is promised: the
-    /// nominal value of each state, and the error that is tolerated relative to that or to the state's magnitude.
+    /// Concludes a step: returns the distance between the ends of one `whole` stride and of two halves, both with their
+    /// signals; the point is at the end of the halves. Its states may be improved from both. `tolerance` is what the
+    /// user is promised: the nominal value of each state, and the error that is tolerated relative to that or to the
+    /// state's magnitude.
     fn conclude(&self, whole: &Values<f64>, tolerance: (&[f64], f64), v: &mut Point) -> ErrorEstimate;
 }

@@ -139,7 +139,7 @@ fn given_twice<'a>(names: &'a Names, found: &[Option<Place>]) -> Vec<(&'a str, &
     twice
 }
 
-/// Gives the words for one key, to what it stands for.
+/// Gives the words for one key to the variable or element that it names.
 fn give(key: &str, words: &Words, prefix: &str, found: Option<Place>, list: &mut [Variable]) -> Result<(), String> {
     let (index, offsets) = found.ok_or_else(|| {
         let shown = list.iter().filter(|v| is_nameable(v)).map(|v| v.name.strip_prefix(prefix).unwrap_or(&v.name));

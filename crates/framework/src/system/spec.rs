@@ -187,7 +187,7 @@ impl<D: Shape> Spec<D> {
         self.min(-NO_LIMIT).max(NO_LIMIT).start(start)
     }
 
-    /// Shown in its own unit: what is a phase or an angular frequency, nobody wants in degrees.
+    /// Shows it in its own unit: phases and angular frequencies, which are not wanted in degrees.
     pub fn in_own_unit(mut self) -> Self {
         self.shown.in_own_unit = true;
         self

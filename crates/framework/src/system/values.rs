@@ -209,7 +209,7 @@ discrete_handle!(
     ChoiceOf<C, E>
 );
 
-/// A choice as it stands: one of the items of `E`.
+/// The value of a choice: one of the items of `E`.
 #[derive(Debug, Clone, Copy)]
 pub struct Chosen<S: Scalar, E> {
     number: S::Integer,

@@ -154,7 +154,7 @@ pub enum Naming {
 /// Display of a variable's values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Shown {
-    /// True if [`NO_LIMIT`] stands for none.
+    /// True if [`NO_LIMIT`] means none.
     pub no_limit: bool,
     /// True if they are shown in their own unit, whatever unit for display that has: phases and angular frequencies.
     pub in_own_unit: bool,

@@ -53,7 +53,7 @@ fn centred(data: &Data) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
 }
 
 impl Span {
-    /// The span with so many block rows. `None` where the records are too short for them.
+    /// The span with this number of block rows. `None` if the records are too short for them.
     pub fn new(data: &Data, blocks: usize) -> Option<Self> {
         let (p, m) = (data.n, data.m);
         let all = centred(data);

@@ -294,7 +294,7 @@ fn linear_model(fmu: &Arc<Fmu>, arguments: &Arguments, found: &Found) -> Result<
     Ok(Linear { linear, slopes, blur, shared })
 }
 
-/// The linear model as a file has it: what the parameters leave uncertain of A and B.
+/// The linear model for a file, with the uncertainty of A and B from that of the parameters.
 fn model(of: &Linear, arguments: &Arguments, records: &[Read], found: &Found, fmu: &Fmu) -> Model {
     let Linear { linear, slopes, blur, shared } = of;
     let parameters = found.covariance.select_rows(shared).select_columns(shared);

@@ -13,7 +13,7 @@ use crate::command::number::part;
 
 /// Heading of these options in the help.
 const HEADING: &str = "Length of a further record";
-/// The sizes of values within so many standard errors of 0 are unknown.
+/// Number of standard errors from 0 within which the size of a value is unknown.
 const NEAR_ZERO: f64 = 3.0;
 
 #[derive(clap::Args)]

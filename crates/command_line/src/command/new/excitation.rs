@@ -51,7 +51,7 @@ pub struct ExperimentOptions {
     pub csv: bool,
 }
 
-/// An experiment as it was asked for.
+/// The requested experiment.
 pub struct Asked {
     signal: String,
     amplitude: Vec<f64>,

@@ -346,7 +346,7 @@ fn indented(lines: &str) -> String {
     lines.lines().map(|line| format!("    {line}\n")).collect()
 }
 
-/// A sample, in every call or in every so many calls.
+/// A sample, in every call or in every n-th call.
 fn sampling(law: &Law, driver: &Driver) -> String {
     let mut sample = driver.evaluate(law, driver.reads.sample);
     sample += &format!("    §_sample({});\n", driver.called(law, Writes::State, "x", "t"));

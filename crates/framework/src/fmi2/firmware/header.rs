@@ -121,7 +121,7 @@ fn state(structs: &Structs, driver: &Driver) -> String {
     format!("{what}\ntypedef struct {{\n{}}} §;\n\n", lines.collect::<String>())
 }
 
-/// Bytes of a controller with real numbers of so many, where each number is aligned to its size.
+/// Bytes of a controller with real numbers of `real` bytes, where each number is aligned to its size.
 pub(super) fn bytes(structs: &Structs, driver: &Driver, real: usize) -> usize {
     aligned(members(structs, driver, real).into_iter().map(|(_, size)| size)).0
 }

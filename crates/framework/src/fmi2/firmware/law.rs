@@ -11,7 +11,8 @@ use crate::model::{Block, Model};
 use crate::recording::{Binary, Comparison, Leaf, Method, Node, Note, Operation, Recording, Tape};
 use crate::system::{Causality, Element, SamplingClock, Section, Variable, Variables};
 
-/// Names that the interface of all controllers has: who is in command isn't an input of a step, but set by a call.
+/// Names in the interface of all controllers. A call sets whether the controller is in command; it is no input of a
+/// step.
 pub(super) const ENABLED: &str = "enabled";
 pub(super) const U_MANUAL: &str = "u_manual";
 pub(super) const CONTROL: &str = "u";

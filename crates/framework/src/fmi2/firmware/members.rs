@@ -128,7 +128,8 @@ impl Members {
         text
     }
 
-    /// Bytes of the struct with real numbers of so many, and its alignment, where each number is aligned to its size.
+    /// Bytes of the struct with real numbers of `real` bytes, and its alignment, where each number is aligned to its
+    /// size.
     pub fn bytes(&self, extra: &[String], real: usize) -> (usize, usize) {
         let size = |member: &Member| {
             if member.is_real {

@@ -86,7 +86,7 @@ impl Fastest {
         Ok(Fastest { value, time, least: least as u32 })
     }
 
-    /// The longest period with so many Runge-Kutta steps with which it decays, s.
+    /// The longest period with this number of Runge-Kutta steps in which it decays, s.
     pub fn longest(&self, substeps: u32) -> f64 {
         let size = self.value.norm();
         f64::from(substeps) * reach(self.value.unscale(size)) / size

@@ -66,7 +66,7 @@ pub unsafe fn instantiate(
     })
 }
 
-/// fmi3InstantiateScheduledExecution: no unit has it.
+/// fmi3InstantiateScheduledExecution: no FMU supports it.
 ///
 /// # Safety
 /// As [`instantiate`].
@@ -101,7 +101,7 @@ pub fn exit_configuration_mode(c: Component) -> Status {
 /// fmi3GetUInt64
 ///
 /// # Safety
-/// Both pointers are those of so many elements.
+/// Both pointers point to the given number of elements.
 pub unsafe fn get_uint64(
     c: Component,
     (references, count): (*const ValueReference, usize),
@@ -118,7 +118,7 @@ pub unsafe fn get_uint64(
 /// fmi3SetUInt64, in Configuration Mode only.
 ///
 /// # Safety
-/// Both pointers are those of so many elements.
+/// Both pointers point to the given number of elements.
 pub unsafe fn set_uint64(
     c: Component,
     (references, count): (*const ValueReference, usize),
@@ -136,7 +136,7 @@ pub unsafe fn set_uint64(
 /// fmi3GetFloat64
 ///
 /// # Safety
-/// Both pointers are those of so many elements.
+/// Both pointers point to the given number of elements.
 pub unsafe fn get_float64(
     c: Component,
     (references, count): (*const ValueReference, usize),
@@ -153,7 +153,7 @@ pub unsafe fn get_float64(
 /// fmi3SetFloat64
 ///
 /// # Safety
-/// Both pointers are those of so many elements.
+/// Both pointers point to the given number of elements.
 pub unsafe fn set_float64(
     c: Component,
     (references, count): (*const ValueReference, usize),
@@ -206,7 +206,7 @@ impl Whole for u8 {
 /// fmi3GetInt32, fmi3GetInt64 and fmi3GetBoolean
 ///
 /// # Safety
-/// Both pointers are those of so many elements.
+/// Both pointers point to the given number of elements.
 pub unsafe fn get_whole<T: Whole>(
     c: Component,
     function: Function,
@@ -224,7 +224,7 @@ pub unsafe fn get_whole<T: Whole>(
 /// fmi3SetInt32, fmi3SetInt64 and fmi3SetBoolean
 ///
 /// # Safety
-/// Both pointers are those of so many elements.
+/// Both pointers point to the given number of elements.
 pub unsafe fn set_whole<T: Whole>(
     c: Component,
     function: Function,
@@ -256,7 +256,7 @@ pub use crate::fmi2::interface::{
 /// fmi3GetDirectionalDerivative and, with unknowns and knowns in other roles, fmi3GetAdjointDerivative
 ///
 /// # Safety
-/// All pointers are those of so many elements.
+/// All pointers point to the given numbers of elements.
 pub unsafe fn get_derivative(
     c: Component,
     function: Function,
@@ -282,7 +282,7 @@ pub unsafe fn get_derivative(
 /// fmi3GetOutputDerivatives
 ///
 /// # Safety
-/// All pointers are those of so many elements.
+/// All pointers point to the given numbers of elements.
 pub unsafe fn get_output_derivatives(
     c: Component,
     (references, count): (*const ValueReference, usize),

@@ -80,7 +80,7 @@ impl Blocks {
         found
     }
 
-    /// True if what only an arm of a selection uses stands there.
+    /// True if operations that only an arm of a selection uses are placed there.
     pub fn has_arms(&self, selection: usize) -> bool {
         self.arms[selection]
     }

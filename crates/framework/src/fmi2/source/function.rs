@@ -1,4 +1,5 @@
-//! C of a recording: what is used once stands where it is used, what is used more often has a name; selections are branches.
+//! C of a recording: an operation used once is written in place, one used more often has a name, and selections are
+//! branches.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -19,7 +20,7 @@ const WIDTH: usize = 118;
 #[derive(Debug)]
 pub struct Function<'a> {
     names: &'a mut Names,
-    /// Names of what stands elsewhere and their lines, which come first where they are used.
+    /// Names of values from elsewhere and their lines, which come first where they are used.
     declared: Vec<(String, String)>,
     used: BTreeSet<String>,
     lines: String,
@@ -127,7 +128,8 @@ impl<'a> Function<'a> {
         wanted.iter().map(|wanted| scope.of(wanted.0).clone()).collect()
     }
 
-    /// Computes an operation behind its operands, in its block, unless that is done, or under way; whether it is done.
+    /// Computes an operation after its operands, in its block, unless that is done or under way. Returns true if it is
+    /// done.
     fn computed(&mut self, place: usize, scope: &mut Scope) -> bool {
         if scope.found[place].is_some() || scope.is_open[place] {
             return scope.found[place].is_some();
@@ -272,7 +274,7 @@ impl<'a> Function<'a> {
     /// Condition under which an operation is needed; none if it always is.
     fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
         let guard = scope.blocks.guard(place);
-        // Conditions get names only where all that is asked for is known.
+        // Conditions get names only if all operations of the guard are known.
         if guard.terms().any(|term| term.iter().all(|literal| waits(literal.0.index(), scope))) {
             return None;
         }

@@ -55,8 +55,8 @@ fn resolve_one(from: &str, to: &str, elements: &HashMap<String, Element>, links:
     if let Some(other) = links.iter().find(|link| link.to == target_place) {
         return refuse(format!("`{to}` is connected already, by {}", other.names));
     }
-    // A number without a unit is taken for anything: general controllers don't know the plant's units. Values are handed
-    // on as they are, so what would have to be converted doesn't fit either.
+    // A number without a unit fits any unit: general controllers don't know the plant's units. Values are passed on
+    // unchanged, so units that would need a conversion don't fit either.
     let base = |element: &Element| Base::of(element.unit()).filter(|base| !base.is_number());
     if let (Some(given), Some(taken)) = (base(source), base(target))
         && given != taken
@@ -95,7 +95,7 @@ pub(super) fn open_inputs(links: &[Link], d: &mut Declaration) -> Vec<Link> {
     opened
 }
 
-/// Adds an input of the composite that stands for a part's, and links the two.
+/// Adds an input of the composite for a part's, and links the two.
 fn open_input(part: Variable, d: &mut Declaration) -> Vec<Link> {
     let size = &mut d.variables.real_sizes[Section::Input as usize];
     let start = std::mem::replace(size, *size + part.len());

@@ -195,7 +195,7 @@ impl Composite {
 }
 
 impl<S: Compiled> Equations<S> for Composite {
-    /// Values are handed on and parts evaluated in the order of the schedule.
+    /// Passes values on and evaluates parts in the order of the schedule.
     fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], whole: &Offsets) {
         self.give_own_states(reals, whole);
         for step in &self.steps {

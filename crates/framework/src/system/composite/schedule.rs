@@ -66,7 +66,7 @@ impl Progress<'_> {
         self.follows_from[signal].iter().all(|&place| self.is_known(place))
     }
 
-    /// Evaluates a part; whether a value became known that wasn't.
+    /// Evaluates a part. Returns true if a further value became known.
     fn evaluate(&mut self, part: usize) -> bool {
         let new: Vec<usize> = self.signals[part]
             .clone()
