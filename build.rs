@@ -1,4 +1,4 @@
-//! What the crate holds beside its code.
+//! Generates the constants of pages, icons and embedded files.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -13,8 +13,8 @@ fn main() {
     let icons: String =
         icons.iter().filter(|file| file.extension().is_some_and(|e| e == "svg")).map(|file| icon(file)).collect();
     write("pages.rs", &format!("{pages}const ICONS: &[Icon] = &[\n{icons}];\n"));
-    // All that the library is made of; in a package from a registry, the framework is one of its own. Of the documentation there
-    // is what FMUs and archives hold.
+    // All sources of the library. In a package from a registry, the framework is a package of its own. Of the
+    // documentation, FMUs and archives contain only these pages.
     let code = ["framework", "library"].map(|name| Path::new("crates").join(name).join("src"));
     let texts =
         ["src", "plants", "Cargo.toml", "docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
@@ -22,7 +22,7 @@ fn main() {
     sources::tell(&places.collect::<Vec<_>>());
 }
 
-/// The descriptions of FMUs and the closed loops, within the program: it needs no files beside it.
+/// Embeds the descriptions of FMUs and the closed loops in the program, which so needs no other files.
 fn embed() {
     println!("cargo::rerun-if-changed=modelDescription");
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
@@ -30,7 +30,7 @@ fn embed() {
     let loops =
         entries(&root.join("examples")).into_iter().filter(|folder| folder.join("SystemStructure.ssd").is_file());
     let loops: Vec<_> = loops.collect();
-    // Not the whole folder: what a notebook there leaves beside it must not build everything anew.
+    // Only these folders: files that a notebook leaves in `examples` must not trigger a new build.
     loops.iter().for_each(|folder| println!("cargo::rerun-if-changed={}", folder.display()));
     let responses: String = loops.iter().filter_map(|folder| response(folder)).collect();
     let loops =
@@ -78,7 +78,7 @@ fn page(file: &Path) -> String {
     )
 }
 
-/// The entries of a page's front matter, of YAML's scalars and blocks alone, and the text below it.
+/// The entries of a page's front matter, which may be YAML scalars and blocks only, and the text below it.
 fn front_matter(file: &Path) -> (Vec<(String, String)>, String) {
     let page = fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let parts = page.strip_prefix("---\n").and_then(|page| page.split_once("\n---\n"));
@@ -110,7 +110,7 @@ fn write(name: &str, code: &str) {
     fs::write(file, code).expect("cargo's own folder can be written");
 }
 
-/// What a loop recorded, where that is kept, likewise.
+/// The response of a loop as an entry of a Rust array, if the folder has one.
 fn response(folder: &Path) -> Option<String> {
     let file = folder.join("response.txt");
     file.is_file().then(|| format!("({:?}, include_str!({file:?})),\n", name(folder)))

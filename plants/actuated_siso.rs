@@ -7,7 +7,7 @@ use crate::system::{
     Signal, Signals, State, System, Values, VectorOf, choice, matrix, scalar, vector,
 };
 
-/// What the unknown part of the plant is.
+/// Unknown part of the plant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Uncertainty {
     /// The first of chapter 4.
@@ -51,7 +51,7 @@ pub struct ActuatedSiso {
     y: VectorOf<Signal>,
 }
 
-/// What f is made of.
+/// Parameters of f.
 #[derive(Debug)]
 struct Terms {
     uncertainty: ChoiceOf<Parameter, Uncertainty>,

@@ -3,7 +3,7 @@
 
 use crate::system::{Invalid, Parameter, Point, Scalar, ScalarOf};
 
-/// Up to this cosine of the pitch the three angles still tell roll from yaw.
+/// Smallest cosine of the pitch at which the three angles distinguish roll from yaw.
 const SMALLEST_COSINE: f64 = 1e-8;
 
 /// Sines and cosines of the three angles.
@@ -14,7 +14,7 @@ pub(super) struct Attitude<S> {
 }
 
 impl<S: Scalar> Attitude<S> {
-    /// Of φ, θ and ψ.
+    /// Sines and cosines of φ, θ and ψ.
     pub fn new(angles: [S; 3]) -> Self {
         Attitude { sin: angles.map(|angle| angle.sin()), cos: angles.map(|angle| angle.cos()) }
     }
@@ -78,8 +78,7 @@ impl<S: Scalar> Attitude<S> {
     }
 }
 
-/// Refuses, where the angles' rates matter, an initial pitch at which roll and yaw can't be told from each other, or
-/// beyond.
+/// Refuses an initial pitch at or beyond which roll and yaw can't be distinguished, if the angles' rates matter.
 pub(super) fn require_regular<S: Scalar>(pitch: ScalarOf<Parameter>, matters: S::Flag, v: &mut Point<S>) {
     let theta = v[pitch];
     v.refuse(matters & !theta.cos().above(S::from(SMALLEST_COSINE)), |v| {

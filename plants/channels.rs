@@ -1,4 +1,4 @@
-//! What sensors and actuators share: channels with a clock that samples them, a delay and a lag.
+//! Channels that sensors and actuators share, with a clock that samples them, a delay and a lag.
 
 use serde::Deserialize;
 
@@ -14,7 +14,7 @@ const LARGEST_LINES: usize = 1_000_000;
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
-    /// How many channels, 1 … 1000.
+    /// Number of channels, 1 … 1000.
     channels: usize,
     /// Units of the channels, one each; 1 where none are given.
     #[serde(default)]
@@ -22,7 +22,7 @@ pub struct Channels {
     /// Quantities of the channels in words, one each, as "yaw rate"; descriptions count channels where none are given.
     #[serde(default)]
     quantities: Vec<String>,
-    /// How many samples the longest delay may have.
+    /// Most samples that the longest delay may have.
     #[serde(default = "usual_delay_samples")]
     delay_samples: usize,
 }
@@ -52,7 +52,7 @@ impl Channels {
         Unit::symbols("u", units, *channels)
     }
 
-    /// The quantity of each channel, where they are told.
+    /// The quantity of each channel, if given.
     ///
     /// # Errors
     /// As [`quantities`].
@@ -99,7 +99,7 @@ impl Clock {
         v[self.sample] += 1.0;
     }
 
-    /// When the next sample is to be taken, s.
+    /// Time of the next sample, s.
     pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
         (v[self.sample] + 1.0) * v[self.sample_time]
     }
@@ -164,7 +164,7 @@ impl DelayLine {
         S::put_element(&mut v[self.ring(i)], place, value);
     }
 
-    /// What comes out at t, where this comes in.
+    /// Output at t for this input.
     pub fn delayed<S: Scalar>(&self, t: S, i: usize, present: S, v: &Values<S>) -> S {
         let samples = v[self.samples][i];
         let delayed = || {
@@ -181,7 +181,7 @@ impl DelayLine {
         self.line.elements().part(i * places..(i + 1) * places)
     }
 
-    /// Where a sample is in a ring: its number k modulo that of the places, n.
+    /// Place of a sample in a ring: its number k modulo that of the places, n.
     fn place<S: Scalar>(&self, sample: S) -> S {
         // Exact for whole numbers below 2^53: k/n is then further below the next whole number than a rounding, so that
         // its floor is the right one, and all numbers here are whole ones that a float holds.
@@ -221,7 +221,7 @@ impl Lag {
         !v[self.acts][i].equals(S::from(0.0))
     }
 
-    /// What comes out where this comes in.
+    /// Output for this input.
     pub fn lagged<S: Scalar>(&self, i: usize, input: S, v: &Values<S>) -> S {
         S::select(self.acts(i, v), v[self.x][i], input)
     }

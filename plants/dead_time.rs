@@ -5,7 +5,7 @@ use crate::system::{
     matrix, scalar, smaller, vector,
 };
 
-/// Samples that an input is kept by over the longest dead time.
+/// Samples of an input that are stored over the longest dead time.
 const SAMPLES: usize = 100;
 
 /// A dead time at each input: its values at sample instants, which part the longest one, and straight lines between them.
@@ -43,7 +43,7 @@ impl DeadTime {
         })
     }
 
-    /// Parts the longest dead time, and refuses those that are too short beside it.
+    /// Divides the longest dead time into samples, and refuses dead times shorter than one.
     pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         let longest = v[self.delay].iter().copied().fold(S::from(0.0), larger);
         let sample_time = longest / SAMPLES as f64;
@@ -73,7 +73,7 @@ impl DeadTime {
         }
     }
 
-    /// When the next sample is to be taken, s.
+    /// Time of the next sample, s.
     pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
         let next = || (v[self.sample] + 1.0) * v[self.sample_time];
         S::branch(self.is_used(v), next, || S::from(f64::INFINITY))

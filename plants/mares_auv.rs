@@ -13,10 +13,10 @@ use crate::system::{
 
 /// From this ratio of length to diameter on, Lamb's formulas are not a difference of nearly equal numbers.
 const SMALLEST_FINENESS: f64 = 1.001;
-/// Where the initial pitch angle stands.
+/// Place of the initial pitch angle.
 const PITCH: usize = 4;
 
-/// M ν_r' + C(ν_r) ν_r + D(ν_r) ν_r + g(η) = J(η)ᵀ u, η' = J(η) ν; ν_r is ν beside the water, which moves evenly.
+/// M ν_r' + C(ν_r) ν_r + D(ν_r) ν_r + g(η) = J(η)ᵀ u, η' = J(η) ν; ν_r is ν relative to the water, which moves evenly.
 #[derive(Debug)]
 pub struct MaresAuv {
     x0: VectorOf<Parameter>,
@@ -115,7 +115,7 @@ impl System for MaresAuv {
         let nu: [S; 6] = v.array(self.nu);
         let current = attitude.to_body(v.array(self.current));
         let [_, turning] = thirds(&nu);
-        // The velocity beside the water, and how the water's own changes in body axes as these turn.
+        // The velocity relative to the water; the water's own changes in body axes as these turn.
         let beside: [S; 6] = std::array::from_fn(|i| if i < 3 { nu[i] - current[i] } else { nu[i] });
         let turned = cross(current, turning);
         let acting = [attitude.to_body(force), attitude.body_moments(moment)];

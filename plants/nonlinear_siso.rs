@@ -52,8 +52,8 @@ impl System for NonlinearSiso {
         y.set(self.y, [v[self.x][0]]);
     }
 
-    /// x1' = x2, x2' = −a1 x1 − a2 x2 + f(x, u, t). The thesis prints ωu beside f, which holds the input gain
-    /// itself: with both, the estimates stand at their bounds.
+    /// x1' = x2, x2' = −a1 x1 − a2 x2 + f(x, u, t). The thesis prints ωu in addition to f, which contains the input
+    /// gain itself: with both, the estimates stay at their bounds.
     fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let [x1, x2] = v.array(self.x);
         let [u] = v.array(self.u);

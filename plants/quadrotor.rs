@@ -10,7 +10,7 @@ use crate::system::{
     Signals, State, System, Values, VectorOf, boolean, matrix, scalar, vector,
 };
 
-/// Where the pitch angle stands in the state.
+/// Place of the pitch angle in the state.
 const PITCH: usize = 7;
 
 /// p'' = (R(η) (0, 0, τ_z) + F)/m − g e_z; η'' = f(η, η') + G(η) τ.
@@ -34,7 +34,7 @@ pub struct Quadrotor {
     thrust: ScalarOf<Signal>,
 }
 
-/// What tells the controls' parts of each rotor: 1 in front, 2 left, 3 behind, 4 right; 1 and 3 turn the body to the left.
+/// Shares of the controls in each rotor: 1 in front, 2 left, 3 behind, 4 right; 1 and 3 turn the body to the left.
 #[derive(Debug)]
 struct Rotors {
     effect: VectorOf<Parameter>,
@@ -42,7 +42,7 @@ struct Rotors {
     drag_to_thrust: ScalarOf<Parameter>,
 }
 
-/// What the second case of the example adds.
+/// Uncertainty that the second case of the example adds.
 #[derive(Debug)]
 struct Uncertainty {
     uncertain: BooleanOf<Parameter>,
@@ -181,7 +181,7 @@ impl Rotors {
         }
     }
 
-    /// What is left of the controls (T, τ): each rotor lacks a part of the thrust that it would give, and of its torques.
+    /// Controls (T, τ) that act: each rotor lacks a part of the thrust that it should give, and of its torques.
     fn acting<S: Scalar>(&self, [thrust, roll, pitch, yaw]: [S; 4], v: &Values<S>) -> [S; 4] {
         let (arm, drag) = (v[self.arm], v[self.drag_to_thrust]);
         let would = rotors::forces([thrust, roll, pitch, yaw], arm, drag);

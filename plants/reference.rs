@@ -35,9 +35,9 @@ impl Part {
 struct NamedSignal {
     /// Item of the parameter `signal`.
     name: String,
-    /// What it is, in a line.
+    /// Description in a line.
     description: String,
-    /// The parts that it consists of, beside offset and ramp.
+    /// The parts that it consists of, in addition to offset and ramp.
     parts: Vec<Part>,
 }
 
@@ -46,7 +46,7 @@ struct NamedSignal {
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceStructure {
-    /// How many channels, 1 … 1000.
+    /// Number of channels, 1 … 1000.
     channels: usize,
     /// Units of the reference, one a channel; 1 where none are given.
     #[serde(default)]
@@ -62,7 +62,7 @@ pub struct ReferenceStructure {
 /// Each channel: r = s(t) (offset + slope t + cosine + sine + square) + steps, with a smooth start s(t).
 #[derive(Debug)]
 pub struct Reference {
-    /// Which parts each named signal has, by their numbers.
+    /// Parts of each named signal, by their numbers.
     parts: Vec<[bool; Part::ALL.len()]>,
     signal: Option<IntegerOf<Parameter>>,
     offset: VectorOf<Parameter>,
@@ -267,7 +267,7 @@ impl Reference {
         ((v[self.square[1]][i] * t + self.square_phase(i, v)) * 2.0 + 1e-9).floor()
     }
 
-    /// When the next edge of the square wave is; infinity where there is none.
+    /// Time of the next edge of the square wave; infinity if there is none.
     fn next_edge<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let (frequency, zero) = (v[self.square[1]][i], S::from(0.0));
         let has_none = frequency.equals(zero) | v[self.square[0]][i].equals(zero) | !self.has(Part::Square, v);
@@ -280,7 +280,7 @@ impl Reference {
         (0..self.r.len()).flat_map(|i| (0..STEPS).map(move |j| (i, j)))
     }
 
-    /// When a step is to be taken, infinity where it was.
+    /// Time at which a step is to be taken; infinity if it was taken.
     fn next_step<S: Scalar>(&self, (i, j): (usize, usize), has_steps: S::Flag, v: &Values<S>) -> S {
         let is_pending = has_steps & v[self.taken.at(i, j)].equals(S::from(0.0));
         S::select(is_pending, v[self.step_time.at(i, j)], S::from(f64::INFINITY))

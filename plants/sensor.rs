@@ -24,9 +24,9 @@ pub struct Sensor {
     line: DelayLine,
     /// 1 where anything is sampled.
     samples: ScalarOf<Prepared>,
-    /// Noise of standard deviation 1, held since the latest sample.
+    /// Noise of standard deviation 1, constant between samples.
     noise: VectorOf<Discrete>,
-    /// The quantised value, held since the latest sample.
+    /// The quantised value, constant between samples.
     held: VectorOf<Discrete>,
     u: VectorOf<Input>,
     y: VectorOf<Signal>,

@@ -56,11 +56,11 @@ pub struct StateSpaceStructure {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct StateSpaceQuantities {
-    /// Of the states.
+    /// Quantities of the states.
     x: Vec<String>,
-    /// Of the inputs.
+    /// Quantities of the inputs.
     u: Vec<String>,
-    /// Of the outputs; those of the states that C takes, where none are given.
+    /// Quantities of the outputs; if none are given, those of the states that C selects.
     y: Vec<String>,
 }
 
@@ -68,11 +68,11 @@ struct StateSpaceQuantities {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct StateSpaceUnits {
-    /// Of the states.
+    /// Units of the states.
     x: Vec<String>,
-    /// Of the inputs.
+    /// Units of the inputs.
     u: Vec<String>,
-    /// Of the outputs.
+    /// Units of the outputs.
     y: Vec<String>,
 }
 
@@ -268,7 +268,7 @@ impl StateSpace {
         (0..x.len()).fold(S::from(0.0), |sum, j| sum + row(j) * (x[j] - x_op[j]))
     }
 
-    /// C A, C A² as far as they are asked for; an input that shows in such a derivative at once is refused.
+    /// C A, C A² as far as they are asked for; refuses an input with feedthrough to such a derivative.
     fn relate_rates<S: Scalar>(&self, v: &mut Point<S>) {
         if self.rates.is_empty() {
             return;
@@ -399,7 +399,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     Ok(text.finish())
 }
 
-/// Derivatives of the outputs in which no input shows at once.
+/// Number of derivatives of the outputs without feedthrough.
 fn derivatives(plant: &template::Plant) -> usize {
     let shows = |row: &DMatrix<f64>| {
         let size = row.abs() * plant.B.abs();

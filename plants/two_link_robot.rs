@@ -108,7 +108,7 @@ impl System for TwoLinkRobot {
         let [g1, g2] = self.gravity(v);
         let (a1, a2) = (u1 - f1 - g1, u2 - f2 - g2);
         let det = v[self.determinant];
-        // What is no number ends the step; `check` then says why.
+        // A value that isn't a number ends the step; `check` then reports why.
         let det = S::select(det.above(S::from(0.0)), det, S::from(f64::NAN));
         dx.set(self.x, [w1, w2, (m22 * a1 - m12 * a2) / det, (m11 * a2 - m12 * a1) / det]);
     }
@@ -165,7 +165,7 @@ impl Link {
     }
 }
 
-/// Of a symmetric matrix, given by its elements 11, 12, 22.
+/// Determinant of a symmetric matrix, given by its elements 11, 12, 22.
 fn determinant<S: Scalar>([m11, m12, m22]: [S; 3]) -> S {
     m11 * m22 - m12 * m12
 }

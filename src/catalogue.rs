@@ -1,13 +1,13 @@
-//! The catalogue of kinds: what belongs to a kind of system beside its equations, and stands beside them in its file.
+//! The catalogue of kinds: the properties of a kind of system that its file declares in addition to its equations.
 //!
-//! Whatever goes through kinds reads it here: the schema of descriptions, `new`, roles in a loop, pictures of units, the
-//! tables in the documentation, and start values of tests that go through all units.
+//! All code that goes through kinds reads them here: the schema of descriptions, `new`, roles in a loop, icons of FMUs,
+//! the tables in the documentation, and tests that start every kind.
 
 use crate::pages::{self, Guide, Icon, Page};
 use crate::system::{Kind, System};
 use crate::template::Template;
 
-/// What a unit does in a loop.
+/// Role of an FMU in a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
     /// It makes a control of references and measurements.
@@ -29,7 +29,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// True if it hands on signals of any sort, channel by channel: names of its own say nothing of them.
+    /// True if it passes on signals of any sort, channel by channel: its own names don't describe them.
     pub fn hands_on(self) -> bool {
         matches!(self, Role::Sensor | Role::Actuator)
     }
@@ -58,27 +58,27 @@ impl Trial {
 /// structure has that, else 0.
 pub type Of<'a> = &'a dyn Fn(&str) -> f64;
 
-/// An experiment with a unit alone: pages of units that stand in no loop of this package show what comes of it.
+/// A demonstration of a standalone FMU. The pages of kinds that are in no loop of this package show its result.
 #[derive(Debug, Clone, Copy)]
 pub struct Demonstration {
     /// The model's own name of the input whose first element is given something; empty where there is none.
     pub input: &'static str,
-    /// What that input is given.
+    /// Stimulus at that input.
     pub stimulus: Stimulus,
     /// Inputs that are 0 meanwhile.
     pub held: &'static [&'static str],
     /// The model's own name of the output that is shown.
     pub output: &'static str,
-    /// True if all its elements are shown, as far as they can be told apart, or the first one alone.
+    /// True if all distinguishable elements are shown; else only the first one.
     pub shows_all: bool,
-    /// How large the stimulus is, and how long all lasts, by the first elements of parameters and the stop time of the
-    /// default experiment; none where the unit does nothing as it is set.
+    /// Size and duration of the stimulus, from the first elements of parameters and the stop time of the default
+    /// experiment; none if the FMU does nothing with its default parameters.
     pub scale: fn(Of, f64) -> Option<Scale>,
     /// Lines of `[start]` by which a unit is shown that does nothing as it is set.
     pub example: &'static str,
 }
 
-/// What an input is given.
+/// Stimulus of an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stimulus {
     /// Nothing: the unit moves by itself.
@@ -93,30 +93,30 @@ pub enum Stimulus {
     Turns,
 }
 
-/// How large a stimulus is.
+/// Size and duration of a stimulus.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Where it begins.
+    /// Value at the start.
     pub about: f64,
-    /// How far it goes from there.
+    /// Change from there.
     pub size: f64,
-    /// How long the experiment lasts, s.
+    /// Duration of the experiment, s.
     pub duration: f64,
 }
 
-/// A system that stands in this package's catalogue.
+/// A system in this package's catalogue.
 pub trait Catalogued: System<Structure: schemars::JsonSchema> {
-    /// What its page says; [`System::DOCUMENTATION`] is its text.
+    /// Its page; [`System::DOCUMENTATION`] is the text.
     const PAGE: Page;
-    /// What it is, in a few words: "L1 adaptive controller".
+    /// Title in a few words: "L1 adaptive controller".
     const TITLE: &'static str = Self::PAGE.title;
-    /// What its units do in a loop.
+    /// Role of its FMUs in a loop.
     const ROLE: Role = Role::Plant;
-    /// How `new` begins one; nothing where it needs no description but the one that is there.
+    /// Template for `new`; none if the kind needs no other description than the one that is there.
     const TEMPLATE: Option<Template> = None;
     /// Start values for tests.
     const TRIAL: Trial = Trial::NONE;
-    /// What the page of a unit shows that stands in no loop; none where a unit alone shows nothing of its work.
+    /// Demonstration on the page of a kind that is in no loop; none if a standalone FMU shows nothing of its work.
     const DEMONSTRATION: Option<Demonstration> = None;
     /// The kind of the adaptive law that tends to it as adaptation gets fast, if it is such a limit. A description of that
     /// kind is one of this, too.
@@ -168,7 +168,7 @@ impl Entry {
         }
     }
 
-    /// That of whole loops.
+    /// Entry of composites.
     pub const COMPOSITE: Entry = Entry {
         kind: Kind::COMPOSITE,
         title: "Composite: a loop as a single FMU",
@@ -198,7 +198,7 @@ impl Entry {
         pages::icon(self.kind.name)
     }
 
-    /// The kinds alone: what a library needs of the catalogue.
+    /// The kinds of these entries: all that a library needs of the catalogue.
     pub const fn kinds<const N: usize>(entries: &[Entry]) -> [Kind; N] {
         let mut kinds = [Kind::COMPOSITE; N];
         let mut k = 0;

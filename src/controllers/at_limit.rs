@@ -1,4 +1,4 @@
-//! How long a control has stood at its limit: where that lasts, the plant needs more than there is, and no law helps.
+//! Time that a control has been at its limit. If it lasts, the actuator is too weak, and no controller helps.
 
 use crate::design::robustness::report::Unit;
 use crate::system::{
@@ -15,7 +15,7 @@ pub(super) struct Limited {
 }
 
 impl Limited {
-    /// A control of these units and quantities, the limits with their description's end, and where the law is from.
+    /// A control of these units and quantities, its limits with the end of their description, and its source.
     pub fn declare(
         d: &mut Declaration,
         (units, of_u): (&[&'static str], &[String]),
@@ -40,8 +40,8 @@ pub(super) fn unlimited(d: &mut Declaration, channels: usize) -> VectorOf<Signal
     d.behind_output(vector("#u without limits", channels, ""))
 }
 
-/// What is there of the control, of these units and quantities, where something behind the controller limits it further: an
-/// input of a controller that is to know of it.
+/// The achieved control, of these units and quantities, if something behind the controller limits it further: an input
+/// of a controller that accounts for it.
 pub(super) fn achieved(
     d: &mut Declaration,
     is_known: bool,
@@ -59,7 +59,7 @@ pub(super) fn manual(units: &[&'static str], of_u: &[String]) -> Spec<Many> {
     vector("u_manual", units.len(), text).about(of_u, "{} while the controller is not enabled").units(units)
 }
 
-/// What is told of a law that keeps errors in funnels for as long as no control stands at a limit.
+/// Warning of a controller that guarantees errors within funnels only while no control is at a limit.
 #[derive(Debug)]
 pub(super) struct Guarantee {
     limited: Limited,
@@ -67,12 +67,12 @@ pub(super) struct Guarantee {
 }
 
 impl Guarantee {
-    /// Of a control; the category with this text, which is told where nothing else has declared it before.
+    /// The guarantee of a control. The text describes the category, unless it has been declared before.
     pub fn declare(d: &mut Declaration, limited: Limited, category: &'static str) -> Self {
         Guarantee { limited, warning: d.warning("logFunnel", category) }
     }
 
-    /// Warns once where a control is at its limit at t; the errors are those that the law keeps in their funnels.
+    /// Warns once if a control is at its limit at t. These are the errors whose funnels are guaranteed else.
     pub fn look<S: Scalar>(&self, t: S, errors: VectorOf<Signal>, v: &mut Point<S>) {
         let Limited { u, u_min, u_max } = self.limited;
         for k in 0..u.len() {
@@ -91,7 +91,7 @@ impl Guarantee {
     }
 }
 
-/// What a category tells of where funnels re-open, too.
+/// Description of the category if funnels re-open, too.
 pub(super) const REOPENED_OR_AT_LIMIT: &str =
     "an error that left its funnel, which re-opened; a control at its limit, where the funnel isn't guaranteed";
 
@@ -109,7 +109,7 @@ pub(super) struct AtLimit {
 }
 
 impl AtLimit {
-    /// Of a control.
+    /// Declares the watch on a control.
     pub fn declare(d: &mut Declaration, limited: Limited) -> Self {
         let m = limited.u.len();
         let text = "how long a control has stood at its limit without leaving it, the longest of all channels; 0 while none \
@@ -123,8 +123,8 @@ impl AtLimit {
         }
     }
 
-    /// Looks at the control at t, and warns once where one has stood at its limit for so long. Where a person controls, a
-    /// limit says nothing of the design: then without a warning.
+    /// Checks the control at t, and warns once if one has been at its limit for so long. Under manual control, a limit
+    /// shows nothing about the design, and there is no warning.
     pub fn look<S: Scalar>(&self, t: S, settling_time: S, is_active: S::Flag, v: &mut Point<S>) {
         let Limited { u, u_min, u_max } = self.limited;
         let none = S::from(0.0);
@@ -141,7 +141,7 @@ impl AtLimit {
         v.when(lasts, |v| (0..u.len()).for_each(|i| self.warn(i, t, v)));
     }
 
-    /// How long a channel has stood at its limit.
+    /// Time that a channel has been at its limit.
     fn time<S: Scalar>(&self, channel: usize, t: S, v: &Point<S>) -> S {
         let none = S::from(0.0);
         S::select(v[self.side][channel].equals(none), none, t - v[self.since][channel])

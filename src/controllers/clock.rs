@@ -12,7 +12,7 @@ const EARLY: f64 = 1e-9;
 /// A master's count of its points may run away from k T by this much of a step from one sample to the next, by rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// When samples are due.
+/// Clock of samples.
 #[derive(Debug)]
 pub(super) struct Clock {
     /// T; 0 as long as it isn't known.
@@ -24,7 +24,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// Of this sample time.
+    /// Declares a clock with this sample time.
     pub fn declare(d: &mut Declaration, period: ScalarOf<Discrete>) -> Self {
         let [start, count, shift] =
             ["#sampling start", "#samples", "#sample shift"].map(|name| d.discrete(scalar(name, "").hidden()));
@@ -37,8 +37,8 @@ impl Clock {
         v[self.start] + v[self.count] * v[self.period]
     }
 
-    /// When the next sample is due: a little early, so that a point that rounding has end before it is its own. Infinity
-    /// where none is.
+    /// Time of the next sample; infinity if there is none. It is slightly early, so that a point that rounding ends too
+    /// soon still counts.
     pub fn next<S: Scalar>(&self, v: &Values<S>) -> S {
         let period = v[self.period];
         let due = v[self.start] + (v[self.count] + 1.0) * period + v[self.shift];
@@ -56,7 +56,7 @@ impl Clock {
         v[self.count] += 1.0;
     }
 
-    /// Where a sample was taken at the communication point t, the next ones keep to this master's points.
+    /// Shifts the next samples to this master's points if a sample was taken at the communication point t.
     pub fn follow<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let away = t - self.latest(&v.values());
         let is_near = (away - v[self.shift]).abs().at_most(smaller(step, v[self.period]) * ROUNDING);
@@ -68,7 +68,7 @@ impl Clock {
         self.is_known(v) & step.above(v[self.period] * (1.0 + ROUNDING))
     }
 
-    /// What a warning says of a step that is longer.
+    /// Warning text for a step that is longer.
     pub fn told_overrun<S: Scalar>(&self, step: S, v: &Values<S>, sample_time: &str) -> String {
         format!(
             "the communication step {} s is longer than the sample time {} s: several samples are taken of the same inputs, and \

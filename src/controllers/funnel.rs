@@ -1,5 +1,5 @@
-//! The funnel of a prescribed-performance law: how it is given, where an error stands in it, and what happens when one
-//! leaves it (thesis, sections 5.2 and 6.2).
+//! The funnel of prescribed-performance control: its parameters, the place of an error in it, and the behaviour when an
+//! error leaves it (thesis, sections 5.2 and 6.2).
 
 #![allow(non_snake_case)] // R is the thesis' name
 
@@ -10,15 +10,15 @@ use crate::system::{
     Point, Scalar, Signal, Signals, Values, VectorOf, Warning, boolean, choice, integer, larger, vector,
 };
 
-/// Where the funnel re-opens, in parts of the distance of its bounds.
+/// Place where the funnel re-opens, in parts of the distance of its bounds.
 pub(super) const EDGE: f64 = 1e-6;
-/// How wide it re-opens, in parts of the error.
+/// Width at which it re-opens, in parts of the error.
 pub(super) const WIDER: f64 = 1.25;
 
 /// Start values of a funnel that is wide, to both sides, and stays so.
 pub(super) const OPEN: &str = "rho_0 = 10.0\nrho_inf = 9.0\ndecay_rate = 0.0\nfunnel = 'symmetric'\novershoot = 1.0\n";
 
-/// Which bounds an error has.
+/// Shape of the bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shape {
     Symmetric,
@@ -37,7 +37,7 @@ impl Choice for Shape {
     ];
 }
 
-/// What happens when an error leaves its funnel.
+/// Behaviour when an error leaves its funnel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum OnExit {
     Error,
@@ -68,7 +68,7 @@ pub(super) struct Funnel {
     shape: ChoiceOf<Parameter, Shape>,
     overshoot: VectorOf<Parameter>,
     on_exit: ChoiceOf<Parameter, OnExit>,
-    /// What ρ was when the funnel opened, and when that was, s.
+    /// ρ at the time when the funnel opened, and that time, s.
     opened_to: VectorOf<Discrete>,
     opened_at: VectorOf<Discrete>,
     /// True if e was positive then.
@@ -103,7 +103,7 @@ pub(super) struct Inside<S> {
 }
 
 impl Funnel {
-    /// Of channels whose errors have these units and are of these quantities, and the funnel of an example.
+    /// Declares funnels for errors of these units and quantities, with the funnel of an example.
     pub fn declare(
         d: &mut Declaration,
         (units, of_r): (&[&'static str], &[String]),
@@ -171,7 +171,7 @@ impl Funnel {
         }
     }
 
-    /// Tells of the funnels.
+    /// Reports the funnels.
     pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         performance::report([self.rho_0, self.rho_inf, self.decay_rate], v, report);
         let overshoot = v[self.overshoot].iter().copied().fold(f64::INFINITY, f64::min);
@@ -246,8 +246,8 @@ impl Funnel {
         Self::of_part(e, z, performance, bounds)
     }
 
-    /// The same of a law that looks at the error at its samples alone: an error that is outside between them counts as one
-    /// in the middle.
+    /// The same for a controller that samples the error: an error that is outside between samples counts as one in the
+    /// middle.
     pub fn inside_between_samples<S: Scalar>(&self, i: usize, t: S, e: S, v: &Values<S>) -> Inside<S> {
         let (performance, bounds) = (self.performance(i, t, v), self.bounds(i, v));
         let z = e / performance.rho;
@@ -300,7 +300,7 @@ impl Funnel {
         }
     }
 
-    /// Refuses errors that are outside, and says what helps.
+    /// Refuses errors that are outside, and advises what helps.
     pub fn check<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &mut Point<S>) {
         self.check_angles(v);
         for i in 0..self.e.len() {
@@ -349,7 +349,7 @@ impl Funnel {
         self.indicator..self.indicator + self.e.len()
     }
 
-    /// How far each error is from where its funnel re-opens, if it does.
+    /// Distance of each error from the place where its funnel re-opens, if it does.
     pub fn event_indicators<S: Scalar>(&self, t: S, e: impl Fn(usize, &Values<S>) -> S, v: &Values<S>, z: &mut [S]) {
         let reopens = self.reopens(v);
         for i in 0..self.e.len() {

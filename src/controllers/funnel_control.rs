@@ -31,7 +31,7 @@ use crate::template::{Needs, Sizes, Template};
 /// Largest relative degree.
 const MOST_DEGREE: usize = 3;
 
-/// How the errors are built up.
+/// Form of the errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
@@ -46,12 +46,12 @@ pub enum Form {
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FunnelStructure {
-    /// How many tracked variables, each with a control of its own.
+    /// Number of tracked variables, each with a control of its own.
     channels: usize,
     /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
     #[schemars(range(min = 1, max = MOST_DEGREE))]
     relative_degree: usize,
-    /// How the errors are built up.
+    /// Form of the errors.
     #[serde(default)]
     form: Form,
     /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
@@ -142,7 +142,7 @@ pub struct FunnelControl {
     e: VectorOf<Signal>,
     /// Errors in parts of their bounds, a row a channel.
     parts: MatrixOf<Signal>,
-    /// What a channel asks for.
+    /// Control asked for by each channel.
     asked: VectorOf<Signal>,
     /// u before its limits.
     unlimited: VectorOf<Signal>,
@@ -284,7 +284,7 @@ impl System for FunnelControl {
             let levels = self.levels(i, t, v);
             y[self.asked][i] = S::branch(acts, || self.asked(i, &levels, t, v), || S::from(0.0));
             for (level, part) in levels.into_iter().enumerate().take(self.parts.shape().1) {
-                // Outside, where the law isn't in force, what follows from the first is no number.
+                // Outside, where the control law isn't in force, values that follow from the first are no numbers.
                 y[self.parts.at(i, level)] = if level == 0 { part } else { S::select(acts, part, S::from(0.0)) };
             }
         }
@@ -302,7 +302,7 @@ impl System for FunnelControl {
         }
     }
 
-    /// Tells of an error that is outside: the law is not defined there.
+    /// Reports an error that is outside: the control law is not defined there.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let active = self.in_command.is_active(&v.values());
         v.when(active, |v| {
@@ -327,7 +327,7 @@ impl System for FunnelControl {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when the loop should have settled: the time is reported, without a warning.
+        // Without desired dynamics there is no settling time: the time at the limit is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
         v.when(active, |v| self.guarantee.look(t, self.e, v));
@@ -385,7 +385,7 @@ impl FunnelControl {
         self.error(1, i, v) + v[g_0][i] * psi * barrier(self.error(0, i, v) / psi)
     }
 
-    /// What a channel asks for: g times the last error, over 1 less its square in parts of its bound.
+    /// Control asked for by a channel: g times the last error, over 1 less its square in parts of its bound.
     fn asked<S: Scalar>(&self, i: usize, levels: &[S; MOST_DEGREE], t: S, v: &Values<S>) -> S {
         let last = barrier(levels[self.parts.shape().1 - 1]);
         match &self.errors {
@@ -409,7 +409,7 @@ impl FunnelControl {
         inside
     }
 
-    /// The funnel opens anew, and u_b := u_manual − the law: the control stays where the manual one is, within the limits.
+    /// Opens the funnel anew, with u_b := u_manual − u: the control stays at the manual one, within the limits.
     fn take_over<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.open(t, v);
         let inside = self.all_inside(t, &v.values());

@@ -19,7 +19,7 @@ use sets::Sets;
 /// Intervals of the grid of errors and rates on which the range of the gain is looked for.
 const GRID: usize = 32;
 
-/// What the inference gives.
+/// Output of the inference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FuzzyOutput {
     Gain,
@@ -44,7 +44,7 @@ pub(super) struct FuzzyGain {
     /// None where no channel's rate is known.
     k_d: Option<Vec<ScalarOf<Parameter>>>,
     k_e: Vec<ScalarOf<Parameter>>,
-    /// By which k_f becomes the gain; 1 where there is none.
+    /// Factor from k_f to the gain; 1 if there is none.
     scale: Option<Vec<ScalarOf<Parameter>>>,
     has_rate: Vec<bool>,
     fuzzy_output: ChoiceOf<Parameter, FuzzyOutput>,
@@ -92,7 +92,7 @@ impl Weights {
 }
 
 impl FuzzyGain {
-    /// Of these channels.
+    /// Declares the gains of these channels.
     pub fn declare(d: &mut Declaration, sharing: Sharing, channels: Channels) -> Self {
         let m = channels.count();
         let gain = "fuzzy gain, from the error and its rate";
@@ -234,9 +234,9 @@ impl FuzzyGain {
         }
     }
 
-    /// By how much e of each channel is above k_e, and by how much below −k_e: an error that sweeps over both between two
-    /// points of the integration changes both signs, where |e| would have the same at either point. Never zero, so that
-    /// the signs alone tell which gain is in force.
+    /// Distances of e above k_e and below −k_e in each channel. An error that sweeps over both between two points of
+    /// the integration changes both signs, although |e| may be equal at either point. Never zero, so that only the
+    /// signs decide which gain is in force.
     pub fn event_indicators<S: Scalar>(&self, e: impl Fn(usize) -> S, v: &Values<S>, z: &mut [S]) {
         for i in 0..self.is_fuzzy.len() {
             for (side, e) in [e(i), -e(i)].into_iter().enumerate() {

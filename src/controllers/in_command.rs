@@ -1,4 +1,4 @@
-//! Who is in command of a control: the law, or a person by hand.
+//! Choice between automatic and manual control.
 
 use crate::system::{BooleanOf, Declaration, Discrete, Input, Many, Point, Scalar, Spec, Values, VectorOf, boolean};
 
@@ -6,15 +6,15 @@ use crate::system::{BooleanOf, Declaration, Discrete, Input, Many, Point, Scalar
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InCommand {
     enabled: BooleanOf<Input>,
-    /// The control while the law is not enabled.
+    /// The control while the controller is not enabled.
     pub u_manual: VectorOf<Input>,
-    /// What `enabled` was when it was last looked at: between events.
+    /// `enabled` as of the last event.
     active: BooleanOf<Discrete>,
     indicator: usize,
 }
 
 impl InCommand {
-    /// Of a unit that is the law alone, and takes over as the text says.
+    /// Declares the inputs of a standalone controller; the text describes how it takes over.
     pub fn declare(d: &mut Declaration, takes_over: &str, u_manual: Spec<Many>) -> Self {
         let text = format!("whether the controller is in command; {takes_over}");
         let enabled = d.input(boolean("enabled", &text).start(true));
@@ -22,7 +22,7 @@ impl InCommand {
         Self::by(d, enabled, u_manual)
     }
 
-    /// By inputs that are there.
+    /// Uses inputs that exist already.
     pub fn by(d: &mut Declaration, enabled: BooleanOf<Input>, u_manual: VectorOf<Input>) -> Self {
         InCommand {
             enabled,
@@ -32,14 +32,14 @@ impl InCommand {
         }
     }
 
-    /// Looks at `enabled` at the start; whether the law is in command.
+    /// Reads `enabled` at the start; returns true if the controller is in command.
     pub fn begin<S: Scalar>(&self, v: &mut Point<S>) -> S::Flag {
         let enabled = v.get(self.enabled);
         v.put(self.active, enabled);
         enabled
     }
 
-    /// True if the law is in command.
+    /// True if the controller is in command.
     pub fn is_active<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         v.get(self.active)
     }
@@ -51,7 +51,7 @@ impl InCommand {
         z[self.indicator] = S::select(is_same, S::from(1.0), S::from(-1.0));
     }
 
-    /// Hands over where `enabled` has changed, or has the law take over.
+    /// Hands over to manual control, or has the controller take over, if `enabled` has changed.
     pub fn event<S: Scalar>(&self, v: &mut Point<S>, take_over: impl FnOnce(&mut Point<S>)) {
         let enabled = v.get(self.enabled);
         let takes_over = enabled & !self.is_active(&v.values());

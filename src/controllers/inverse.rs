@@ -23,7 +23,7 @@ pub(super) fn prepare(of: MatrixOf<Parameter>, inverse: MatrixOf<Prepared>, v: &
     Ok(())
 }
 
-/// What is wrong with a matrix that has none.
+/// Message about a matrix without an inverse.
 pub(super) fn refused(name: &str, least: f64) -> Invalid {
     let allowed = format!("must be above {LEAST_DIRECTION:e}: each channel needs a direction of its own");
     Invalid::new(format!("{name}: least singular value in parts of the largest"), Number(least), allowed)

@@ -104,7 +104,7 @@ impl FunnelControl {
         }
     }
 
-    /// What is wrong with an error of a channel and level that is outside, and what helps.
+    /// Message about an error of a channel and level that is outside, with advice.
     fn refusal<S: Scalar>(&self, (i, level): (usize, usize), part: S, begins: bool, v: &Values<S>) -> Invalid {
         let [psi_0, psi_inf, psi] =
             [v.name(self.bounds.start.at(i)), v.name(self.bounds.end.at(i)), v.name(self.bounds.psi.at(i))];

@@ -17,7 +17,7 @@ use crate::picture::{Curve, CurveOf, Picture};
 use crate::system::{DesignReport, Values, Verdict};
 use crate::template::three_digits;
 
-/// So many samples of loops are computed.
+/// Most samples of loops that are computed.
 const MOST_SAMPLES: f64 = 2e6;
 /// Points of a bound in a picture.
 const POINTS: u32 = 120;
@@ -162,7 +162,7 @@ impl Funnels {
         }
     }
 
-    /// How one of so many plants follows, with a control that is constant within communication steps where these aren't too many.
+    /// Response of one of so many plants, with a control constant within communication steps unless they are too many.
     fn follow(&self, plant: &Uncertain, place: &Place, count: usize, unit: &Unit) -> Followed {
         let (loop_, H) = (self.of(plant, place), unit.step * plant.bandwidth);
         let is_sampled = H > 0.0 && FOLLOWED / H * count as f64 <= MOST_SAMPLES;

@@ -15,7 +15,7 @@ pub enum Held {
     Own,
 }
 
-/// What channels share.
+/// Sharing of numbers among channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sharing {
     /// The weights k_p, k_d and k_e. Channels that have their own have a scale of the gain, too.
@@ -29,14 +29,14 @@ pub struct Sharing {
 pub struct Channels<'a> {
     /// Units of what follows the reference, one a channel.
     pub units: &'a [&'static str],
-    /// What that is, in words; none where it isn't known.
+    /// Quantities in words; none if unknown.
     pub quantities: &'a [String],
     /// True if the rate of it is known.
     pub has_rate: &'a [bool],
 }
 
 impl Channels<'_> {
-    /// How many there are.
+    /// Number of channels.
     pub fn count(&self) -> usize {
         self.units.len()
     }
@@ -60,7 +60,7 @@ pub enum NumberUnit {
     OfError,
 }
 
-/// Which values a number may have.
+/// Allowed values of a number.
 #[derive(Debug, Clone, Copy)]
 pub enum Limits {
     /// At least 0.

@@ -30,7 +30,7 @@ impl<'de> Deserialize<'de> for FuzzyL1Structure {
     }
 }
 
-/// What stands under a key, or what holds without it.
+/// Removes the value of a key; the default without it.
 fn taken<T: DeserializeOwned + Default, E: serde::de::Error>(table: &mut toml::Table, key: &str) -> Result<T, E> {
     let value = table.remove(key).map(toml::Value::try_into).transpose();
     Ok(value.map_err(|error| E::custom(format!("{key}: {error}")))?.unwrap_or_default())
