@@ -1,7 +1,7 @@
-//! Adaptive controllers and their plants as systems, from which units of FMI 2.0 are made.
+//! Adaptive controllers and their plants as systems, from which FMUs of FMI 2.0 are generated.
 //!
-//! What every model needs stands in a crate of its own, [`adaptive_fmu_framework`], whose modules are here by their
-//! names, too. A crate of models depends on that one alone.
+//! The crate [`adaptive_fmu_framework`] has all that every model needs; its modules are here by their names, too. A
+//! crate of models depends on that one only.
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
@@ -11,7 +11,7 @@ pub mod design;
 pub mod library;
 pub mod mathematics;
 pub mod pages;
-// They stand at the top, where a reader looks for them.
+// `plants` is a folder at the top, to be found easily.
 #[path = "../plants/mod.rs"]
 pub mod plants;
 pub mod template;

@@ -57,10 +57,10 @@ pub static REGISTRY: Registry = &Entry::kinds::<{ ENTRIES.len() }>(ENTRIES);
 /// The same as libraries in FMUs need them.
 pub static IN_FMU: Registry = &Entry::kinds_in_fmu::<{ ENTRIES.len() }>(ENTRIES);
 
-/// What the units are told to be made by.
+/// Generation tool of FMUs.
 pub const PACKAGE: &str = concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION"));
 
-/// Checksum of all that its library is made of.
+/// Checksum of all sources of the library.
 pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");
 
 /// The entry of this name, where there is one.

@@ -1,37 +1,37 @@
-//! The pages of kinds in `docs`, a constant for each, and the icons of `modelDescription/icons`. The build script writes
-//! them: a page is the one place where something is said of a kind.
+//! The pages of kinds in `docs`, a constant for each, and the icons of `modelDescription/icons`. The build script
+//! generates them: a page is the only description of a kind.
 
-/// What is said of a kind in its page below `docs`: the entries of its front matter, and its text.
+/// Page of a kind below `docs`: the entries of its front matter, and its text.
 #[derive(Debug, Clone, Copy)]
 pub struct Page {
     /// Its place below `docs`, without an ending.
     pub place: &'static str,
-    /// What the kind is, in a few words.
+    /// The kind in a few words.
     pub title: &'static str,
-    /// What its FMUs tell a reader.
+    /// Guide for the readers of its FMUs.
     pub guide: Guide,
-    /// Where a reader chooses a controller: what one needs to have for it, and what to expect; nothing of other kinds.
+    /// Requirements and expectations, for readers who choose a controller; empty for other kinds.
     pub choice: &'static [&'static str],
     /// Its text, and behind it that of the page in `followed by`.
     pub text: &'static str,
 }
 
-/// What the FMUs of a kind tell a reader who has nothing else. Texts are Markdown, and may have parts that hold for some
+/// Guide for readers who have only an FMU of a kind. Texts are Markdown, and may have parts that apply to some
 /// structures only, as a page may.
 #[derive(Debug, Clone, Copy)]
 pub struct Guide {
-    /// What such a unit is for, in a sentence or two.
+    /// Purpose of such an FMU, in a sentence or two.
     pub purpose: &'static str,
-    /// What such a unit shows while nothing is connected to it, and what to connect.
+    /// Behaviour of such an FMU while nothing is connected to it, and what to connect.
     pub alone: &'static str,
     /// The parameters that matter most, and what each does. A unit leaves out those that it doesn't have.
     pub gains: &'static [(&'static str, &'static str)],
-    /// What it can't do, as a list.
+    /// Limitations, as a list.
     pub limits: &'static str,
 }
 
 impl Guide {
-    /// Of kinds that tell nothing of themselves.
+    /// The guide of kinds without one.
     pub const NONE: Guide = Guide { purpose: "", alone: "", gains: &[], limits: "" };
 }
 

@@ -1,5 +1,5 @@
-//! Texts that stand at the top of this package, for a program that needs no files beside it: descriptions of FMUs, loops, what
-//! they recorded, the studies, licences.
+//! Texts at the top of this package, for a program that needs no other files: descriptions of FMUs, loops, their
+//! recorded responses, the studies, licences.
 
 include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
@@ -9,10 +9,10 @@ pub type Embedded = &'static [(&'static str, &'static str)];
 /// The examples of the thesis, as a study.
 pub const THESIS: &str = include_str!("../examples/thesis.toml");
 
-/// Where an archive's reader begins.
+/// First text for an archive's reader.
 pub const START: &str = include_str!("../docs/start.txt");
 
-/// The licences, as they stand in FMUs: name and text.
+/// The licences in FMUs: name and text.
 pub const LICENCES: Embedded = &[
     ("license.txt", include_str!("../docs/license.txt")),
     ("LICENSE-APACHE", include_str!("../LICENSE-APACHE")),
@@ -34,7 +34,7 @@ pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS
 }
 
-/// What one of these loops recorded when it was run, as few points a curve; none of a loop that ends in a failure.
+/// Recorded response of one of these loops, with few points a curve; none for a loop that ends in a failure.
 pub fn response(name: &str) -> Option<&'static str> {
     RESPONSES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
 }

@@ -72,7 +72,7 @@ impl Guarantee {
         Guarantee { limited, warning: d.warning("logFunnel", category) }
     }
 
-    /// Warns once if a control is at its limit at t. These are the errors whose funnels are guaranteed else.
+    /// Warns once if a control is at its limit at t. Otherwise these errors stay in their funnels.
     pub fn look<S: Scalar>(&self, t: S, errors: VectorOf<Signal>, v: &mut Point<S>) {
         let Limited { u, u_min, u_max } = self.limited;
         for k in 0..u.len() {

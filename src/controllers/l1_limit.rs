@@ -1,9 +1,9 @@
 //! The linear controller that an L1 controller tends to as its adaptation gets fast, Γ → ∞.
 //!
-//! The estimates are then what moves the plant beside its desired dynamics, at once: η = B⁺ (x' − A_m x), and with unmatched
-//! uncertainty (η, η_2) = B̄⁺ (x' − A_m x), B̄ = (B B_um). R. Ortega and E. Panteley, Adaptation is unnecessary in L1-"adaptive"
-//! control: what makes an adaptive controller "adaptive"?, IEEE Control Systems 36 (2016) 47–52, arXiv 1409.2389, for state
-//! feedback and D(s) = 1/s; the rest is this package's.
+//! The estimates then equal the deviation of the plant from its desired dynamics: η = B⁺ (x' − A_m x), and with
+//! unmatched uncertainty (η, η_2) = B̄⁺ (x' − A_m x), B̄ = (B B_um). R. Ortega and E. Panteley, Adaptation is
+//! unnecessary in L1-"adaptive" control: what makes an adaptive controller "adaptive"?, IEEE Control Systems 36 (2016)
+//! 47–52, arXiv 1409.2389, for state feedback and D(s) = 1/s; the rest is this package's.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 mod report;
@@ -49,7 +49,7 @@ const OF_ADAPTATION: [&str; 12] = [
     "step_phase_limit",
 ];
 
-/// What u_ad starts with.
+/// Start of u_ad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum LinearStart {
     Zero,
@@ -77,7 +77,7 @@ pub struct L1Limit {
     K: MatrixOf<Parameter>,
     inertia: Option<VectorOf<Parameter>>,
     tracking_time: VectorOf<Parameter>,
-    /// T_f, where η_2 shows in u_ad at once.
+    /// T_f, if η_2 has feedthrough to u_ad.
     T_f: Option<ScalarOf<Parameter>>,
     u_ad_start: ChoiceOf<Parameter, LinearStart>,
     /// In a box: compiled code may read within what isn't there, in vain, but for checkers of memory.
@@ -108,7 +108,7 @@ pub struct L1Limit {
     feedback: VectorOf<Signal>,
     u_ad: VectorOf<Signal>,
     u: VectorOf<Signal>,
-    /// What the limits add to the control, in the units of u_ad.
+    /// Difference that the limits make to the control, in the units of u_ad.
     added: VectorOf<Signal>,
     /// u before its limits.
     unlimited: VectorOf<Signal>,
@@ -254,7 +254,7 @@ impl System for L1Limit {
         v.copy(self.L, self.L_in_force);
     }
 
-    /// f = w + L x; u_ad = C_f f, less what η_2 shows at once; u = u_ad − K_m x, or the manual control, within the limits.
+    /// f = w + L x; u_ad = C_f f − feedthrough of η_2; u = u_ad − K_m x, or the manual control, within the limits.
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         for k in 0..self.w.len() {
             y[self.f][k] = v[self.w][k] + self.of_state(k, v);
@@ -275,8 +275,8 @@ impl System for L1Limit {
         }
     }
 
-    /// w' = f' − L x'. Under manual control the filters of the channels rest, to be set when it ends; what follows from x
-    /// alone goes on.
+    /// w' = f' − L x'. Under manual control the filters of the channels rest, to be set when it ends; states that
+    /// depend on x only continue.
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let active = self.in_command.is_active(v);
         for k in 0..self.w.len() {
@@ -319,7 +319,7 @@ impl L1Limit {
         self.cancellation.as_ref().and_then(|cancellation| cancellation.order()).unwrap_or(0)
     }
 
-    /// Where h begins among the states, η_2 as it is differentiated; nothing where that isn't needed.
+    /// First of the states h that differentiate η_2; none if it isn't needed.
     fn differentiated(&self) -> Option<usize> {
         self.T_f.map(|_| self.of_filters() + self.zeros())
     }
@@ -397,14 +397,14 @@ impl L1Limit {
         rate + S::branch(v[self.added][i].equals(S::from(0.0)), || S::from(0.0), tracking)
     }
 
-    /// What the filter of a channel gives, of these states.
+    /// Output of a channel's filter for these states.
     fn filtered<S: Scalar>(&self, i: usize, f: &[S], v: &Values<S>) -> S {
         let of_channel = &f[i * self.filter.order()..][..self.filter.order()];
         let u_ad = of_channel.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
         self.differentiated().map_or(u_ad, |first| u_ad - self.at_once(i, &f[first..], v))
     }
 
-    /// What u_ad of a channel has of h at once.
+    /// Feedthrough of h to u_ad of a channel.
     fn at_once<S: Scalar>(&self, i: usize, h: &[S], v: &Values<S>) -> S {
         let direct = self.cancellation.as_ref().and_then(|cancellation| cancellation.direct);
         direct.map_or(S::from(0.0), |direct| dot(v.matrix(direct).row(i).iter(), h))
@@ -415,7 +415,7 @@ impl L1Limit {
         self.dynamics.gain().map_or(S::from(0.0), |K_m| self.times_state(K_m, i, v))
     }
 
-    /// What turns the command of a channel into its control.
+    /// Factor from the command of a channel to its control.
     fn inertia<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         self.inertia.map_or(S::from(1.0), |inertia| v[inertia][i])
     }

@@ -1,9 +1,10 @@
-//! L1 adaptive control with prescribed performance: an L1 controller, and beside it a barrier that keeps the error within a
+//! L1 adaptive control with prescribed performance: an L1 controller, and a barrier that confines the error to a
 //! funnel.
 //!
-//! The barrier is that of prescribed performance and of funnel control: C. P. Bechlioulis and G. A. Rovithakis, IEEE Trans.
-//! Automatic Control 53 (2008) 2090–2099; A. Ilchmann, E. P. Ryan and C. J. Sangwin, Tracking with prescribed transient
-//! behaviour, ESAIM: COCV 7 (2002) 471–493. That it stands beside an L1 law whose predictor knows of it is this package's.
+//! The barrier is that of prescribed performance and of funnel control: C. P. Bechlioulis and G. A. Rovithakis, IEEE
+//! Trans. Automatic Control 53 (2008) 2090–2099; A. Ilchmann, E. P. Ryan and C. J. Sangwin, Tracking with prescribed
+//! transient behaviour, ESAIM: COCV 7 (2002) 471–493. Its combination with an L1 law whose predictor knows of it is
+//! this package's.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 mod order;
@@ -34,17 +35,17 @@ pub use structure::L1PpfStructure;
 /// The funnel of the examples of section 6.5: rho_0, rho_inf, decay_rate.
 const FUNNEL: [f64; 3] = [2.0, 0.05, 1.5];
 
-/// Parameters of an L1 controller that this one has no use for: it is integrated by a general method alone.
+/// Parameters of an L1 controller that this one has no use for: it is only integrated by general methods.
 const OF_CLOSED_FORM: [&str; 2] = ["adaptation_tolerance", "closed_form_phase"];
 
-/// u = u_ad − K_m x + u_ε: the law of an L1 controller, and u_ε, which grows without limit at the funnel's bounds.
+/// u = u_ad − K_m x + u_ε: the control of an L1 controller, and u_ε, which grows without limit at the funnel's bounds.
 #[derive(Debug)]
 pub struct L1Ppf {
     r: VectorOf<Input>,
     order: Order,
     barrier_gain: VectorOf<Parameter>,
     funnel: Funnel,
-    /// u_ε, which stands beside the law.
+    /// u_ε, the addition to the L1 control.
     beside: Beside,
     stiffness: ScalarOf<Signal>,
     ports: Ports,
@@ -52,7 +53,7 @@ pub struct L1Ppf {
     /// From the rates that the channels ask for to controls: the inverse of the nominal input gain.
     inverse: DMatrix<f64>,
     guarantee: Guarantee,
-    /// When the barrier is evaluated.
+    /// Evaluation of the barrier.
     evaluation: ChoiceOf<Parameter, Evaluation>,
     /// Its samples, where it can be sampled.
     samples: Option<Samples>,
@@ -170,7 +171,7 @@ impl System for L1Ppf {
         self.order.derivatives(&self.law, self.r, v, dx);
     }
 
-    /// Tells of an error that has left its funnel: the law is not defined there.
+    /// Reports an error that has left its funnel: the controller is not defined there.
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.funnel.check_angles(v);
         let active = self.law.is_active(&v.values()) & !self.waits_for_sample(t, &v.values());
@@ -243,13 +244,13 @@ impl L1Ppf {
         -v[self.barrier_gain][i] * inside.R * self.order.driven(i, inside, &self.law, v)
     }
 
-    /// s: how fast the barrier alone brings the error of a channel back, or its rate, where the plant's input gain is the
-    /// nominal one.
+    /// Rate, in 1/s, at which the barrier by itself brings the error of a channel back, or its rate, for the nominal
+    /// input gain.
     fn stiffness_of<S: Scalar>(&self, i: usize, inside: &Inside<S>, v: &Values<S>) -> S {
         v[self.barrier_gain][i] * self.order.slope(inside)
     }
 
-    /// Notes what the barrier adds where the law takes command.
+    /// Notes the barrier's output when the controller takes over.
     fn note_barrier<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         v[self.beside.at_takeover].fill(S::from(0.0));
         for i in 0..self.barrier_gain.len() {
@@ -277,7 +278,7 @@ impl L1Ppf {
         self.note_barrier(t, v);
     }
 
-    /// What is said of a step that is too long for the barrier.
+    /// Warning text about a step that is too long for the barrier.
     fn told_stiffness<S: Scalar>(&self, step: S, v: &Values<S>) -> String {
         let rate = v[self.stiffness];
         let sampled =

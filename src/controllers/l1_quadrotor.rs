@@ -18,8 +18,8 @@ use crate::system::{
 /// The one angle that may turn without end, by its place in the state of the attitude, counted from 1.
 const YAW: usize = 3;
 
-/// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. Where it is `OBSERVED`, the law takes the angles and
-/// their rates from an observer; the position loop takes the measured angles all the same.
+/// Position loop → (φ_d, θ_d) → L1 law for (φ, θ, ψ) → torques. If `OBSERVED`, the L1 law takes the angles and their
+/// rates from an observer; the position loop takes the measured angles all the same.
 #[derive(Debug)]
 pub struct L1Quadrotor<const OBSERVED: bool> {
     position: PositionLoop,
@@ -35,7 +35,7 @@ pub struct L1Quadrotor<const OBSERVED: bool> {
 }
 
 impl<const OBSERVED: bool> Tracking for L1Quadrotor<OBSERVED> {
-    /// Of the position and the yaw.
+    /// Units of the position and the yaw.
     fn error_units(&self) -> Vec<&'static str> {
         vec!["m", "m", "m", "rad"]
     }

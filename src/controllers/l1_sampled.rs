@@ -1,8 +1,8 @@
 //! L1 control at a sample time of its own: what is unknown is found anew at each sample, and constant until the next.
 //!
-//! N. Hovakimyan, C. Cao, L1 adaptive control theory: guaranteed robustness with fast adaptation, SIAM 2010, section 3.3, for
-//! the piecewise constant adaptation; the exact estimate, the nominal input gain, the placing for held controls and the
-//! dead time are this package's.
+//! N. Hovakimyan, C. Cao, L1 adaptive control theory: guaranteed robustness with fast adaptation, SIAM 2010, section
+//! 3.3, for the piecewise constant adaptation; the exact estimate, the nominal input gain, the pole placement for
+//! sampled controls and the dead time are this package's.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 mod design;
@@ -53,7 +53,7 @@ const OF_ADAPTATION: [&str; 13] = [
     "tracking_time",
 ];
 
-/// What the filtered control starts with.
+/// Start of the filtered control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum SampledStart {
     Zero,
@@ -82,7 +82,7 @@ pub struct L1Sampled {
     start: ChoiceOf<Parameter, SampledStart>,
     u_min: VectorOf<Parameter>,
     u_max: VectorOf<Parameter>,
-    /// The nominal plant in a sample time, with the control and with σ held.
+    /// The nominal plant over a sample time, with the control and σ constant.
     A_d: MatrixOf<Prepared>,
     B_d: MatrixOf<Prepared>,
     L_d: MatrixOf<Prepared>,
@@ -102,7 +102,7 @@ pub struct L1Sampled {
     clock: Clock,
     zeta: VectorOf<Discrete>,
     sigma_hat: VectorOf<Discrete>,
-    /// What the state shows beside what the controls reach.
+    /// Uncertainty in the state that the controls don't reach.
     sigma_other: Option<VectorOf<Discrete>>,
     /// x at the last sample, and where the control will act.
     x_before: VectorOf<Discrete>,
@@ -291,7 +291,7 @@ impl System for L1Sampled {
         self.begin(!enabled | v.get(self.start).is(SampledStart::Bumpless), v);
     }
 
-    /// u, held, or the manual control within the limits; u_ad = W_0⁻¹ ζ.
+    /// u, constant between samples, or the manual control within the limits; u_ad = W_0⁻¹ ζ.
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
         for i in 0..self.u.len() {
             y[self.u][i] = self.in_force(i, v);
@@ -358,8 +358,8 @@ fn beside_controls(all: usize, along: usize) -> Spec<Many> {
 }
 
 impl L1Sampled {
-    /// What the plant gets: the held control, which keeps to the limits of its sample, so that it is one in its whole
-    /// interval, as the estimate takes it; or the manual one, within the limits.
+    /// Control that the plant gets: the sampled one within the limits of its sample, constant over its whole interval,
+    /// as the estimate assumes; or the manual one, within the limits.
     fn in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let by_hand = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
         S::select(self.in_command.is_active(v), v[self.held][i], by_hand)

@@ -29,7 +29,7 @@ use crate::template::{Needs, Sizes, Template};
 
 /// Largest order of a channel.
 const MOST_ORDER: usize = 3;
-/// What `omega_o` is where it follows from `omega_c`, and how many times that it is then.
+/// Value of `omega_o` if it follows from `omega_c`, and its ratio to that.
 const BY_CONTROLLER: f64 = -1.0;
 const FASTER: f64 = 10.0;
 
@@ -48,7 +48,7 @@ pub enum Feedforward {
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LadrcStructure {
-    /// How many tracked variables, each with a control of its own.
+    /// Number of tracked variables, each with a control of its own.
     channels: usize,
     /// After how many derivatives of a tracked variable the control shows: 1, 2 or 3.
     #[schemars(range(min = 1, max = MOST_ORDER))]
@@ -78,7 +78,7 @@ pub struct Ladrc {
     order: usize,
     omega_c: VectorOf<Parameter>,
     omega_o: VectorOf<Parameter>,
-    /// What `omega_o` comes to.
+    /// `omega_o` in force.
     omega_o_in_force: VectorOf<Prepared>,
     B_0: MatrixOf<Parameter>,
     B_0_inverse: MatrixOf<Prepared>,
@@ -269,7 +269,7 @@ impl System for Ladrc {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when a loop that has met its limits should have settled: the time is reported, without a warning.
+        // Without desired dynamics there is no settling time: the time at the limit is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
         self.jumps.iter().for_each(|jumps| jumps.look(t, v));
@@ -281,7 +281,7 @@ impl System for Ladrc {
 }
 
 impl Ladrc {
-    /// With a watch on angles that aren't declared.
+    /// Watches angles that aren't declared.
     fn watching(self, d: &mut Declaration) -> Self {
         let jumps = Jumps::declare(d, self.y, &self.units_of_y, &self.angles);
         Ladrc { jumps, ..self }

@@ -1,8 +1,8 @@
-//! How far a control moves from one communication point to the next: what a loop of separate units differs by from the loop
-//! as one, whatever the law is.
+//! Motion of a control from one communication point to the next: the cause of differences between a loop of separate
+//! FMUs and the loop as a single FMU, whatever the controller.
 //!
-//! A plant gets a control that is held for a step, and so lags by half of it: what acts is wrong by half of what the control
-//! moves by in the step. Where that is a noticeable part of the control, so is the error of its peaks or of its rms
+//! A plant gets a control with a zero-order hold, which lags by half a step: the acting control is wrong by half of its
+//! motion in the step. If that is a noticeable part of the control, so is the error of its peaks or of its rms
 //! (`docs/step_size.md` has the measurements behind the numbers here).
 
 use crate::system::{
@@ -23,7 +23,7 @@ const NAMED: f64 = 0.65;
 #[derive(Debug)]
 pub(super) struct Moves {
     limit: ScalarOf<Parameter>,
-    /// True if anything is held at all.
+    /// True if signals are sampled at communication points.
     pub is_stepped: BooleanOf<Memory>,
     /// The steps since the control isn't 0 any more.
     count: ScalarOf<Discrete>,
@@ -36,19 +36,19 @@ pub(super) struct Moves {
     since: VectorOf<Discrete>,
 }
 
-/// How far a control has moved in a step, of the channel that is worst.
+/// Largest motion of a control in a step, over all channels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Move<S: Scalar> {
     /// True if that is too far.
     pub flag: S::Flag,
-    /// How far, in parts of its largest magnitude; 0 where no channel is to be judged.
+    /// Motion, in parts of the control's largest magnitude; 0 if no channel is to be judged.
     pub part: S,
-    /// How far it may.
+    /// Allowed motion.
     pub limit: S,
 }
 
 impl Moves {
-    /// Of m controls.
+    /// Declares the watch on m controls.
     pub fn declare(d: &mut Declaration, m: usize, is_stepped: BooleanOf<Memory>) -> Self {
         let limit = "how far a control may move within a communication step, in parts of its largest magnitude, before \
                      step_too_long tells";
@@ -116,7 +116,7 @@ impl Moves {
 }
 
 impl<S: Scalar> Move<S> {
-    /// What a warning says of it, and what helps against it.
+    /// Warning text, with advice.
     pub fn told(self, step: S, helps: &str) -> String {
         let Move { part, limit, .. } = self;
         // The move goes with the step.

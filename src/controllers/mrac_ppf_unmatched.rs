@@ -34,7 +34,7 @@ use crate::template::{Sizes, Template};
 pub use structure::UnmatchedStructure;
 use structure::{Driven, PlantMatrices};
 
-/// What the reference model starts with.
+/// Start of the reference model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ModelStart {
     Measured,
@@ -81,9 +81,9 @@ pub struct MracPpfUnmatched {
     theta_hat: MatrixOf<State>,
     sigma_hat: VectorOf<State>,
     u_b: VectorOf<State>,
-    /// What each state that drives an unmatched row is to be, in the order of the description; none without such rows.
+    /// Desired value of each state that drives an unmatched row, as the description lists them; none without these.
     alpha: Option<VectorOf<Signal>>,
-    /// What the controls are to bring to the rows that they reach.
+    /// Desired contribution of the controls to the rows that they reach.
     wanted: VectorOf<Signal>,
     /// u before its limits.
     unlimited: VectorOf<Signal>,
@@ -212,7 +212,7 @@ impl System for MracPpfUnmatched {
         self.funnel.relate(v);
     }
 
-    /// The reference model starts where the plant is, or where it is told; the estimates at 0.
+    /// Starts the reference model at the plant's state or a given one, and the estimates at 0.
     fn initialise<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         let enabled = self.in_command.begin(v);
         self.start_model(v);
@@ -321,7 +321,7 @@ impl MracPpfUnmatched {
         }
     }
 
-    /// Begins anew, with u_b := u_manual − the law: the control stays where the manual one is, within the limits.
+    /// Restarts with u_b := u_manual − u: the control stays at the manual one, within the limits.
     fn take_over<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         self.begin(v);
         self.open(t, true.into(), v);
@@ -332,8 +332,8 @@ impl MracPpfUnmatched {
         }
     }
 
-    /// The error of a row: x − x_m, or x − α of a state that drives an unmatched row. Not told of while that row's own error is
-    /// outside, and nothing while a person is in command.
+    /// The error of a row: x − x_m, or x − α of a state that drives an unmatched row. It is 0 while that row's own
+    /// error is outside, and under manual control.
     fn error<S: Scalar>(&self, i: usize, t: S, active: S::Flag, v: &Values<S>) -> S {
         let nothing = || S::from(0.0);
         let of_model = || self.state(i, v) - v[self.x_m][i];

@@ -24,7 +24,7 @@ use crate::template::{
     write_units,
 };
 
-/// How the gain k_l is given.
+/// Form of the gain k_l.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObserverDynamics {
@@ -43,9 +43,9 @@ pub struct ObserverStructure {
     A: Vec<Vec<f64>>,
     /// Nominal input matrix, n rows of m numbers.
     B: Vec<Vec<f64>>,
-    /// What is measured, m rows of n numbers.
+    /// Matrix of the measured outputs, m rows of n numbers.
     C: Vec<Vec<f64>>,
-    /// How the gain is given.
+    /// Form of the gain.
     #[serde(default)]
     observer_dynamics: ObserverDynamics,
     /// Measured outputs that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad, and each
@@ -64,11 +64,11 @@ pub struct ObserverStructure {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Quantities {
-    /// Of the plant's state.
+    /// Quantities of the plant's state.
     x: Vec<String>,
-    /// Of the measured output; those of the states that C takes, where none are given.
+    /// Quantities of the measured output; if not given, those of the states that C selects.
     y: Vec<String>,
-    /// Of the plant's input.
+    /// Quantities of the plant's input.
     u: Vec<String>,
 }
 
@@ -76,11 +76,11 @@ struct Quantities {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Units {
-    /// Of the plant's state.
+    /// Units of the plant's state.
     x: Vec<String>,
-    /// Of the measured output.
+    /// Units of the measured output.
     y: Vec<String>,
-    /// Of the plant's input.
+    /// Units of the plant's input.
     u: Vec<String>,
 }
 

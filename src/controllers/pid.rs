@@ -25,7 +25,7 @@ use crate::system::{
 use crate::template::{Needs, Sizes, Template};
 use units::{Symbols, Units};
 
-/// What `tracking_time` is where it follows from the gains.
+/// Value of `tracking_time` if it follows from the gains.
 const BY_GAINS: f64 = -1.0;
 /// The least time that is given, s.
 const LEAST_TIME: f64 = 1e-9;
@@ -34,7 +34,7 @@ const LEAST_TIME: f64 = 1e-9;
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PidStructure {
-    /// How many tracked variables, each with a control of its own.
+    /// Number of tracked variables, each with a control of its own.
     channels: usize,
     /// Channels whose output is an angle, counted from 1: values that differ by whole turns are the same. Their unit is rad.
     #[serde(default)]
@@ -62,7 +62,7 @@ pub struct Pid {
     S: MatrixOf<Parameter>,
     S_inverse: MatrixOf<Prepared>,
     tracking_time: VectorOf<Parameter>,
-    /// What `tracking_time` comes to; 0 where nothing is tracked.
+    /// `tracking_time` in force; 0 without tracking.
     T_t: VectorOf<Prepared>,
     u_min: VectorOf<Parameter>,
     u_max: VectorOf<Parameter>,
@@ -203,7 +203,7 @@ impl System for Pid {
         }
     }
 
-    /// I' = K_i (r − y) + [S⁻¹ (u − S v)]_i/T_t, held under manual control; w' = N ((c r − y) − w) always.
+    /// I' = K_i (r − y) + [S⁻¹ (u − S v)]_i/T_t, or 0 under manual control; w' = N ((c r − y) − w) always.
     fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
         let active = self.in_command.is_active(v);
         for i in 0..self.I.len() {
@@ -223,7 +223,7 @@ impl System for Pid {
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
-        // No desired dynamics say when a loop should have settled: the time is reported, without a warning.
+        // Without desired dynamics there is no settling time: the time at the limit is reported, without a warning.
         let active = self.in_command.is_active(&v.values());
         self.supervised.look((t, step), S::from(f64::INFINITY), active, v);
         self.jumps.iter().for_each(|jumps| jumps.look(t, v));
@@ -235,7 +235,7 @@ impl System for Pid {
 }
 
 impl Pid {
-    /// With a watch on angles that aren't declared.
+    /// Watches angles that aren't declared.
     fn watching(self, d: &mut Declaration) -> Self {
         let jumps = Jumps::declare(d, self.y, &self.units_of_y, &self.angles);
         Pid { jumps, ..self }
@@ -284,8 +284,8 @@ impl Pid {
         }
     }
 
-    /// T_t of a channel: √(K_d/K_i) unless it is given; K_p/K_i without derivative, and 1/N with the integral alone. 0, none,
-    /// where it is off or there is nothing to wind up.
+    /// T_t of a channel: √(K_d/K_i) unless given; K_p/K_i without derivative, and 1/N with the integral only. It is 0
+    /// without back-calculation or integral part.
     fn time_in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let [K_p, K_i, K_d] = [self.K_p, self.K_i, self.K_d].map(|gain| v[gain][i]);
         let (given, none) = (v[self.tracking_time][i], S::from(0.0));

@@ -115,7 +115,7 @@ impl RotorLimits {
         std::array::from_fn(|i| within(control(i), v[u_min][i], v[u_max][i]))
     }
 
-    /// Leaves of u, which is within its own limits, what the rotors give; where their limits are off, u itself.
+    /// Limits u, which is within its own limits, to the forces that the rotors give; without rotor limits, u stays.
     pub fn limit<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
         let demand: [S; 4] = std::array::from_fn(|i| y[self.limited.u][i]);
         let limited = || {
@@ -134,7 +134,7 @@ impl RotorLimits {
     fn allocate<S: Scalar>(&self, demand: [S; 4], v: &Values<S>) -> Allocation<S> {
         let (is_on, one) = (self.is_on(v), S::from(1.0));
         let Rotors { arm_length, drag_to_thrust, limits } = self.parameters.rotors(v);
-        // While the limits are off, no derivative has anything of the rotors, whatever their numbers are.
+        // Without rotor limits, derivatives must not depend on the rotors, whatever their numbers are.
         let [arm_length, drag_to_thrust] = [arm_length, drag_to_thrust].map(|size| S::select(is_on, size, one));
         Rotors { arm_length, drag_to_thrust, limits }.allocate(demand, v.get(self.parameters.priority))
     }

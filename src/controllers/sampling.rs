@@ -6,7 +6,7 @@ use crate::system::{
     choice, integer, scalar,
 };
 
-/// When a law is evaluated.
+/// Evaluation of a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Evaluation {
     Automatic,
@@ -53,7 +53,7 @@ pub(super) fn prediction_steps() -> DiscreteSpec<i32> {
 #[derive(Debug)]
 pub(super) struct Sampling {
     pub sample_time: ScalarOf<Parameter>,
-    /// Its sample time is 0 where the law isn't sampled, and as long as it waits for the first step's length.
+    /// The clock. Its sample time is 0 without sampling, and until the first step's length is known.
     pub clock: Clock,
 }
 
@@ -80,7 +80,7 @@ impl Sampling {
         });
     }
 
-    /// Starts the clock at t; its sample time is the one that is asked for where the law is sampled.
+    /// Starts the clock at t; if the controller is sampled, with the sample time that is asked for.
     pub fn begin<S: Scalar>(&self, t: S, is_sampled: S::Flag, v: &mut Point<S>) {
         v[self.clock.start] = t;
         v.when(is_sampled, |v| v[self.clock.period] = v[self.sample_time]);

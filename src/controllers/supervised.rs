@@ -1,5 +1,5 @@
-//! What is looked at after each communication step of a control that is held for it and limited: how far it moves in a step,
-//! and for how long it has stood at its limit.
+//! Checks of a limited control after each communication step: its motion in a step, and the time that it has been at
+//! its limit.
 
 use super::at_limit::{AtLimit, Limited};
 use super::moves::Moves;
@@ -7,7 +7,7 @@ use crate::system::{
     BooleanOf, Declaration, Discrete, Memory, Point, Scalar, Signal, Values, VectorOf, Warning, boolean,
 };
 
-/// Of one control.
+/// Supervision of one control.
 #[derive(Debug)]
 pub(super) struct Supervised {
     u: VectorOf<Signal>,
@@ -20,7 +20,7 @@ pub(super) struct Supervised {
 }
 
 impl Supervised {
-    /// Of a control.
+    /// Declares the supervision of a control.
     pub fn declare(d: &mut Declaration, limited: Limited) -> Self {
         let is_stepped = d.is_stepped();
         let flag = boolean("step_too_long", "whether the communication step is too long for the control").output();
@@ -39,8 +39,8 @@ impl Supervised {
         self.is_stepped
     }
 
-    /// Looks at the control at t after a step. A control that has stood at its limit as long as the loop takes to settle is
-    /// warned of; infinity where no desired dynamics say how long that is. Under manual control nothing is judged.
+    /// Checks the control at t after a step. Warns of a control that has been at its limit for a settling time, which
+    /// is infinite without desired dynamics. Under manual control nothing is judged.
     pub fn look<S: Scalar>(&self, (t, step): (S, S), settling_time: S, active: S::Flag, v: &mut Point<S>) {
         self.at_limit.look(t, settling_time, active, v);
         v.when(active, |v| {
@@ -54,8 +54,8 @@ impl Supervised {
         });
     }
 
-    /// Tells too, after [`Supervised::look`], of a communication step that is too long for the law itself: where there are such
-    /// steps, in co-simulation.
+    /// Warns, after [`Supervised::look`], of a communication step in co-simulation that is too long for the controller
+    /// itself.
     pub fn judge<S: Scalar>(&self, too_long: S::Flag, v: &mut Point<S>, text: impl FnOnce(&Values<S>) -> String) {
         let too_long = too_long & v.get(self.is_stepped);
         let told = v.get(self.step_too_long);

@@ -1,4 +1,4 @@
-//! What the texts of new controllers share.
+//! Texts that new controllers share.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 pub mod design;
@@ -23,7 +23,7 @@ pub fn require_no_delay(plant: &Plant) -> Result<(), Invalid> {
     ))
 }
 
-/// How long a master simulates by default: until what is that slow is over, s.
+/// Default stop time of a simulation: a multiple of the slowest time constant, s.
 pub fn stop_time(bandwidth: f64) -> f64 {
     round_up(20.0 / bandwidth)
 }

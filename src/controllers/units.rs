@@ -22,9 +22,9 @@ pub(super) fn check_channels(m: usize) -> Result<(), Invalid> {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputUnits {
-    /// Of the measured output, and of its reference.
+    /// Units of the measured output, and of its reference.
     y: Vec<String>,
-    /// Of the control.
+    /// Units of the control.
     u: Vec<String>,
 }
 
@@ -42,9 +42,9 @@ impl OutputUnits {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Quantities {
-    /// Of the measured output, and of its reference.
+    /// Quantities of the measured output, and of its reference.
     y: Vec<String>,
-    /// Of the control.
+    /// Quantities of the control.
     u: Vec<String>,
 }
 

@@ -1,5 +1,5 @@
-//! A funnel about any controller's tracking error that is watched and not enforced: it tells when the error is outside, and
-//! changes nothing in the law.
+//! Watch on the tracking error of any controller: a funnel that warns when the error is outside, and doesn't change the
+//! control.
 
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};

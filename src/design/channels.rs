@@ -1,5 +1,5 @@
-//! Designs of several channels: combinations of the inputs that move one output each, a design for each channel alone, and
-//! the whole loop judged.
+//! Designs of several channels: combinations of the inputs that move one output each, a design for each channel, and an
+//! assessment of the complete loop.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use std::cell::RefCell;
@@ -35,7 +35,7 @@ type Key = (usize, Option<usize>, [u64; 2]);
 pub struct Fixed<'a, G> {
     fast: Option<Decoupled<'a, G>>,
     at_rest: Option<Decoupled<'a, G>>,
-    /// For an unstable plant: a channel alone, the others open, may have no stable loop where the whole has one.
+    /// For an unstable plant: a single channel, the others open, may have no stable loop although the plant has one.
     chains: Option<Decoupled<'a, G>>,
 }
 
@@ -67,7 +67,7 @@ impl<'a, G: Clone> Fixed<'a, G> {
 }
 
 impl<'a, G: Clone> Decoupled<'a, G> {
-    /// With columns whose largest entry is 1; none where they are hardly independent.
+    /// Scales columns so that the largest entry is 1; none if they are hardly independent.
     fn new(
         plant: &Nominal,
         mut S: DMatrix<f64>,
@@ -89,7 +89,7 @@ impl<'a, G: Clone> Decoupled<'a, G> {
         })
     }
 
-    /// With each channel of the plant, the others open.
+    /// Takes each channel of the plant, the others open.
     fn of_plant(plant: &'a Nominal, S: DMatrix<f64>) -> Option<Self> {
         Decoupled::new(plant, S, |i, S| plant.channel(&S.columns(i, 1).into_owned(), i))
     }

@@ -51,7 +51,7 @@ pub struct Design {
     pub step: f64,
     /// True if the errors stay inside with a control that is constant within such steps.
     pub is_sampled: bool,
-    /// How far the output is from the reference in the end, in parts of it.
+    /// Final deviation of the output from the reference, in parts of it.
     pub left: f64,
 }
 

@@ -9,7 +9,7 @@ use super::step::exponential;
 pub const FOLLOWED: f64 = 15.0;
 /// Rate of the reference's smooth start, in W.
 pub const SMOOTH_START: f64 = 2.0;
-/// With a control that is constant within steps, the errors may take up so much.
+/// Largest error, in parts of its bound, with a control that is constant within steps.
 const MOST_SAMPLED: f64 = 0.8;
 /// Number of halvings of the step for that, and the most samples that are tried.
 const HALVINGS: i32 = 8;
@@ -52,7 +52,7 @@ pub struct Loop<'a> {
     channels: &'a [Channel],
 }
 
-/// How a reference was followed.
+/// Result of following a reference.
 #[derive(Debug, Clone)]
 pub struct Followed {
     /// The largest of all errors in parts of their bounds.
@@ -61,7 +61,7 @@ pub struct Followed {
     pub left: f64,
     /// The lowest and the highest value of each control.
     pub control: Vec<[f64; 2]>,
-    /// When an error left its funnel, or the end.
+    /// Time when an error left its funnel, or the end.
     pub until: f64,
 }
 

@@ -83,7 +83,7 @@ struct Candidate {
     integral: f64,
 }
 
-/// How the references enter channels: the control and the observer take ω_cⁿ r, where the references' derivatives aren't given.
+/// Entry of the references: control and observer take ω_cⁿ r, if the references' derivatives aren't given.
 pub fn entry(gains: &[Gains], S: &DMatrix<f64>, bandwidth: f64) -> Entry {
     let m = gains.len();
     let (states, mut first) = (gains.iter().map(|gains| gains.order + 1).sum(), 0);

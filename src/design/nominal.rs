@@ -29,7 +29,7 @@ pub const PADE_COEFFICIENTS: [[f64; PADE]; 2] = [[1680.0, 840.0, 180.0, 20.0], [
 /// A nominal plant.
 #[derive(Debug)]
 pub struct Nominal {
-    /// With what a rational approximation of the dead times adds: the matrices for poles and steps.
+    /// State matrix with a rational approximation of the dead times, for poles and steps.
     pub A: DMatrix<f64>,
     /// Input matrix, likewise.
     pub B: DMatrix<f64>,
@@ -45,7 +45,7 @@ pub struct Nominal {
     pub zeros: Vec<Complex<f64>>,
     /// With exact dead times.
     pub response: Response,
-    /// Where it is looked at.
+    /// Its frequencies.
     pub frequencies: Vec<f64>,
     /// Poles and zeros that no feedback moves.
     pub unmoved: Unmoved,
@@ -154,7 +154,7 @@ pub struct Channel<'a> {
     plant: &'a Nominal,
 }
 
-/// Where the response of a channel comes from.
+/// Source of a channel's response.
 #[derive(Debug)]
 enum Source {
     /// A combination of the plant's inputs, and an output.

@@ -12,11 +12,11 @@ use super::nominal::{Channel, poles_of};
 use super::search::{Asked, Law};
 use super::step::Entry;
 
-/// Where the gain is 1, in parts of the speed.
+/// Frequencies at which the gain is 1, in parts of the speed.
 const CROSSOVERS: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
 /// The filter of the derivative, in parts of that frequency.
 const FILTER: f64 = 10.0;
-/// How much more than at that frequency the gain is at high ones, at most: what noise of a measurement costs.
+/// Largest ratio of the gain at high frequencies to that one: the cost of measurement noise.
 const NOISE: f64 = 10.0;
 /// Corner of the integral part, in parts of that frequency.
 const INTEGRAL: [f64; 10] = [0.1, 0.15, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5];
@@ -100,7 +100,7 @@ impl Gains {
     }
 }
 
-/// How the references enter channels: the integral part takes r − y, the proportional one b r − y, the derivative c r − y.
+/// Entry of the references: the integral part takes r − y, the proportional one b r − y, the derivative c r − y.
 pub fn entry(gains: &[Gains], weights: &[[f64; 2]], S: &DMatrix<f64>, bandwidth: f64) -> Entry {
     let m = gains.len();
     let rates = |(gains, [_, c]): (&Gains, &[f64; 2])| {

@@ -49,7 +49,7 @@ pub fn at_once(plant: &Nominal, most_modulus: f64) -> Option<String> {
     })
 }
 
-/// Why a search found nothing, where that can be told from the plant.
+/// Reason why a search found nothing, if the plant shows it.
 pub fn told<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
     let W = plant.bandwidth;
     let integrators = plant.poles.iter().filter(|pole| pole.norm() < 1e-3).count();

@@ -12,7 +12,7 @@ const BELOW: f64 = 1e-3;
 const ABOVE: f64 = 100.0;
 /// Poles and zeros below this part of the fastest one are at rest.
 const NEGLIGIBLE: f64 = 1e-6;
-/// Where a mode a ± b j is looked at: at |b + k|a||.
+/// Frequencies for a mode a ± b j: |b + k|a||.
 const ABOUT_MODES: [f64; 13] = [-3.0, -2.0, -1.3, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.3, 2.0, 3.0];
 /// Points for a dead time τ, from 0.01/τ to 30/τ.
 const FOR_DELAY: usize = 150;
@@ -80,7 +80,7 @@ pub fn grid(poles: &[Complex<f64>], zeros: &[Complex<f64>], delay: &[f64]) -> Ve
     frequencies
 }
 
-/// So many points from one to another, both included; 40 a decade where no number is asked for.
+/// Points from one number to another, both included; 40 a decade if no number is asked for.
 pub fn logarithmic(from: f64, to: f64, points: usize) -> Vec<f64> {
     let decades = (to / from).log10();
     let last = if points > 0 { points - 1 } else { (decades * PER_DECADE).ceil() as usize };

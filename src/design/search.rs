@@ -95,7 +95,7 @@ pub fn search<L: Law>(plant: &Nominal) -> Option<Found<L::Gains>> {
     asked.into_iter().find_map(|asked| at::<L>(plant, &channel, &asked))
 }
 
-/// What M_s may be, in parts of that of a single channel.
+/// Factor of the largest M_s, in parts of that of a single channel.
 pub fn factor(plant: &Nominal) -> f64 {
     if plant.channels() > 1 { SEVERAL } else { 1.0 }
 }
@@ -116,7 +116,7 @@ fn at<L: Law>(plant: &Nominal, channel: &Channel, asked: &Asked) -> Option<Found
     })
 }
 
-/// The design of some gains, if the whole loop is sound.
+/// The design of some gains, if the complete loop is sound.
 pub fn found<L: Law>(plant: &Nominal, gains: Vec<L::Gains>, S: DMatrix<f64>, asked: &Asked) -> Option<Found<L::Gains>> {
     let (controller, poles, merit) = closed::<L>(plant, &gains, &S)?;
     if !merit.is_sound(asked.speed) {

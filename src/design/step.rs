@@ -8,7 +8,7 @@ use super::nominal::Nominal;
 
 /// Points of a step.
 const POINTS: usize = 4000;
-/// How long a step is looked at, in times of that rate.
+/// Length of a step response, in times of that rate.
 const TIMES: f64 = 8.0;
 /// A step has settled within this part of its height.
 const SETTLED: f64 = 0.02;
@@ -16,15 +16,15 @@ const SETTLED: f64 = 0.02;
 /// Response to a step of one reference.
 #[derive(Debug, Clone)]
 pub struct Step {
-    /// How far its output goes beyond, in parts of the step.
+    /// Overshoot of its output, in parts of the step.
     pub overshoot: f64,
-    /// When its output stays within 2 % of the step, in 1/W; `None` where it doesn't within the time.
+    /// Time from which its output stays within 2 % of the step, in 1/W; `None` if it doesn't within the time.
     pub settling: Option<f64>,
     /// The lowest and the highest value of each control, for a step of 1.
     pub control: Vec<[f64; 2]>,
 }
 
-/// How the reference enters a controller: x' += B r, u += D r.
+/// Entry of the reference into a controller: x' += B r, u += D r.
 #[derive(Debug)]
 pub struct Entry {
     /// Rates of the controller's states, k × m.

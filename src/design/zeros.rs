@@ -1,7 +1,7 @@
-//! Invariant zeros of a linear plant: where the input may move the state while the output stays at 0.
+//! Invariant zeros of a linear plant: frequencies at which the input may move the state while the output stays at 0.
 //!
-//! A. Emami-Naeini and P. Van Dooren, Computation of zeros of linear multivariable systems, Automatica 18 (1982) 415–430:
-//! what the outputs determine is taken out of the state until D has full rank. No zero is told by its size.
+//! A. Emami-Naeini and P. Van Dooren, Computation of zeros of linear multivariable systems, Automatica 18 (1982)
+//! 415–430: the part that the outputs determine is removed from the state until D has full rank. Size decides no zero.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use nalgebra::{Complex, DMatrix};

@@ -15,11 +15,11 @@ const PER_DECADE: f64 = 60.0;
 /// Decades below the slowest pole, and above the fastest one, to which the grid is widened at most.
 const WIDENED: i32 = 8;
 
-/// Sections that narrow a crossing down to rounding, and an extremum to what its flatness lets be told.
+/// Sections that narrow a crossing down to rounding, and an extremum to the limit of its flatness.
 const BISECTIONS: usize = 44;
 const SECTIONS: usize = 40;
 
-/// How near to 1, as the logarithm of its magnitude, an extremum between points of the grid may come to be looked for.
+/// Distance from 1, as the logarithm of the magnitude, within which extrema between points of the grid count.
 const NEAR: f64 = 0.5;
 
 /// Iterations for the eigenvalues of a loop matrix.
@@ -49,14 +49,14 @@ pub struct NominalLoop {
 pub struct Crossing {
     /// rad/s.
     pub frequency: f64,
-    /// By how much the phase may still fall, rad, within 0 … 2π.
+    /// Phase that may still be lost, rad, within 0 … 2π.
     pub phase: f64,
     /// The delay that takes it, s.
     pub delay: f64,
 }
 
 impl NominalLoop {
-    /// Where its eigenvalues cross magnitude 1. `None` when they can't be found.
+    /// Crossings of its eigenvalues with magnitude 1. `None` when they can't be found.
     ///
     /// A delay τ in all channels puts a pole onto the imaginary axis where det(I + L(jω) e^(−jωτ)) = 0: where an
     /// eigenvalue of L(jω) has magnitude 1 and ωτ more lag turns it to −1. The least delay of all crossings is the margin of
@@ -153,7 +153,7 @@ impl NominalLoop {
         Some(Crossing { frequency: high, phase, delay: phase / high })
     }
 
-    /// Where a level that is beyond 0 on this side is nearest to it, or on the other.
+    /// Frequency at which a level on this side of 0 is nearest to 0, or beyond it.
     fn extremum(&self, mut low: f64, mut high: f64, i: usize, side: f64) -> Option<f64> {
         for _ in 0..SECTIONS {
             let ratio = (high / low).powf(1.0 / 3.0);

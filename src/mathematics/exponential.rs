@@ -11,7 +11,7 @@ use crate::system::{Scalar, larger};
 const THETA: f64 = 0.125;
 /// Sweeps of balancing, at most.
 const SWEEPS: usize = 4;
-/// What is closer to balance than this factor is left alone.
+/// Largest imbalance that is left as it is.
 const BALANCED: f64 = 2.0;
 /// More squarings than any finite norm needs.
 const SQUARINGS: usize = 1100;
@@ -25,7 +25,7 @@ pub const fn workspace(n: usize) -> usize {
 /// need be.
 ///
 /// # Panics
-/// When matrix or workspace have another size than n and [`workspace`] tell.
+/// When the size of matrix or workspace isn't that of n and [`workspace`].
 pub fn exponential<S: Scalar>(n: usize, matrix: &mut [S], workspace: &mut [S]) {
     assert!(matrix.len() == n * n && workspace.len() == self::workspace(n), "sizes of a matrix of order {n}");
     balance(n, matrix, &mut workspace[..n + n * n + 1]);
@@ -40,8 +40,8 @@ pub fn exponential<S: Scalar>(n: usize, matrix: &mut [S], workspace: &mut [S]) {
     }
 }
 
-/// How often a matrix of this norm is squared after it was halved as often, and the factor of that. No number of squarings
-/// makes a norm finite that isn't.
+/// Number of squarings for a matrix of this norm after as many halvings, and the factor of these. No number of
+/// squarings makes a norm finite that isn't.
 fn scaling<S: Scalar>(norm: S) -> (S, S) {
     let mut state = [norm, S::from(0.0), S::from(1.0)];
     let is_large = |state: &[S]| state[0].above(S::from(THETA));
@@ -131,7 +131,7 @@ fn scale<S: Scalar>(flag: S::Flag, n: usize, mut state: &mut [S], i: usize, fact
     });
 }
 
-/// The polynomial of degree 8; its coefficients follow from those of the exponential by the products that it is made of.
+/// The polynomial of degree 8; its coefficients follow from those of the exponential by its products.
 fn taylor<S: Scalar>(n: usize, a: &mut [S], buffers: &mut [S]) {
     let root = 177.0_f64.sqrt();
     let x3 = 2.0 / 3.0;

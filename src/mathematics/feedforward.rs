@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use crate::error::Invalid;
 
-/// Smallest singular value of C A_m⁻¹ B, relative to what its terms could sum up to, that is told from rounding.
+/// Smallest singular value of C A_m⁻¹ B, relative to the sum of its terms, that counts as nonzero.
 const SINGULAR: f64 = 1e-12;
 
 /// K_g = −(C A_m⁻¹ B)⁻¹ for x' = A_m x + B K_g r, y = C x, with a Hurwitz A_m, which messages call by this name.

@@ -78,8 +78,8 @@ impl Filter {
         self.B_f.len()
     }
 
-    /// By how much the degree of the denominator of D(s) exceeds that of the numerator: how often the output has to be
-    /// differentiated to show the input.
+    /// Excess of the denominator's degree over the numerator's in D(s): the number of differentiations of the output
+    /// until the input appears.
     pub fn relative_degree(&self) -> usize {
         // The cascade leaves exact zeros before: no sum in it cancels.
         let mut input = self.B_f.clone();
@@ -149,7 +149,7 @@ impl Section {
         if matches!(self.poles, Poles::Two(..)) { 2 } else { 1 }
     }
 
-    /// How many more zeros it can take.
+    /// Number of zeros that can still be added.
     fn room(&self) -> usize {
         self.order() + 1 - self.zeros.len()
     }

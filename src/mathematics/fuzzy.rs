@@ -22,11 +22,11 @@ pub const RULES: [[usize; SETS]; SETS] =
 /// A triangular set of the output: it rises from `low` to 1 at `centre` and falls to `high`. An edge may be upright.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triangle<T> {
-    /// Where it begins.
+    /// Lower end.
     pub low: T,
-    /// Where it is 1.
+    /// Place of the value 1.
     pub centre: T,
-    /// Where it ends, above `low`.
+    /// Upper end, above `low`.
     pub high: T,
 }
 
@@ -41,8 +41,8 @@ impl<T: Scalar> Triangle<T> {
     }
 }
 
-/// How far a value belongs to each set of an input: triangles between the neighbours of its increasing centres, with
-/// shoulders below the first and above the last.
+/// Degrees to which a value belongs to each set of an input: triangles between the neighbours of its increasing
+/// centres, with shoulders below the first and above the last.
 pub fn memberships<T: Scalar>(value: T, centres: &[T; SETS]) -> [T; SETS] {
     let part = |from: usize, to: usize| (value - centres[from]) / (centres[to] - centres[from]);
     std::array::from_fn(|k| {

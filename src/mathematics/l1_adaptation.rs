@@ -10,10 +10,10 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::mathematics::matrices::cholesky;
 
-/// How much faster than the filter the adaptation is to turn for its own motion not to show.
+/// Ratio of the adaptation's frequency to the filter's at which its own motion doesn't show.
 const FASTER: f64 = 10.0;
 
-/// By how much the magnitudes of signals may make estimates of one channel faster than those of another.
+/// Ratios of the speeds of estimates in different channels, due to the magnitudes of signals.
 const SHARES: [f64; 4] = [1.0, 10.0, 100.0, 1000.0];
 
 /// Matrices N that are tried at most.
@@ -54,8 +54,8 @@ impl L1Adaptation {
         Some(fast * (fast + self.damping()?) / self.least()).filter(|gain| gain.is_finite())
     }
 
-    /// By which factor K may grow, or has to shrink, for the adaptation at rest to decay at each of these input gains;
-    /// infinite where any may be. With `is_full` all estimates of the input gain share each signal, and N = I.
+    /// Factor by which K may grow, or has to shrink, for the adaptation at rest to decay at each of these input gains;
+    /// infinite if any may be. With `is_full` all estimates of the input gain share each signal, and N = I.
     pub fn tolerated(&self, K: &DMatrix<f64>, omegas: &[DMatrix<f64>], is_full: bool) -> f64 {
         let m = K.nrows();
         let excess: Vec<_> = omegas.iter().map(|omega| &self.BPB * (omega - DMatrix::identity(m, m)) * K).collect();
@@ -84,8 +84,8 @@ impl L1Adaptation {
     }
 }
 
-/// The diagonals of N to try: all combinations of the shares, of fewer of them where there are many channels, and beyond
-/// that each channel alone.
+/// The diagonals of N to try: all combinations of the shares; fewer of them if there are many channels, and single fast
+/// channels beyond that.
 fn shares(m: usize, is_full: bool) -> Vec<DVector<f64>> {
     let equal = DVector::from_element(m, 1.0);
     if is_full || m == 1 {
@@ -184,7 +184,7 @@ mod tests {
         let (_, B, P) = third();
         let needed = adaptation(&B, &P, 1.0).needed(300.0).unwrap();
         let turns = adaptation(&B, &P, needed).slowest();
-        // s² + α s + Γ μ with α = 15.16 beside 3000 rad/s.
+        // s² + α s + Γ μ with α = 15.16 and 3000 rad/s.
         assert!((turns / (3000.0_f64 * 3015.16).sqrt() - 1.0).abs() < 1e-5, "{turns}");
     }
 

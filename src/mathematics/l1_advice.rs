@@ -1,4 +1,4 @@
-//! What makes an L1 design satisfy its L1-norm condition: found by search, with the norm itself.
+//! Changes with which an L1 design satisfies its L1-norm condition: found by search, with the norm itself.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use nalgebra::DMatrix;
@@ -7,7 +7,7 @@ use crate::error::Invalid;
 use crate::mathematics::l1_design::{L1Design, Lipschitz};
 use crate::mathematics::l1_norm::Bounds;
 
-/// What λ is to be at most, for a little room to rounding.
+/// Largest λ of the search, for a little room to rounding.
 const AIM: f64 = 0.99;
 
 /// Doublings of K that are tried, in two steps each.
@@ -16,26 +16,26 @@ const DOUBLINGS: i32 = 16;
 /// Halvings of the last step.
 const HALVINGS: usize = 7;
 
-/// How often another input gain may turn out the worst one.
+/// Most changes of the worst input gain.
 const ROUNDS: usize = 4;
 
-/// Where, from the identity to the bounds of the input gain as far as they keep the loop stable, narrower ones are put.
+/// Place of narrower bounds of the input gain, between the identity and those that keep the loop stable.
 const NARROWED: f64 = 0.9;
 
-/// What would make λ less than 1.
+/// Changes that would make λ less than 1.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Advice {
-    /// Where the loop isn't stable for each input gain: what makes it so. The rest of the advice goes on from there.
+    /// Change that stabilises the loop, if it isn't stable for each input gain. The rest of the advice builds on it.
     pub stabilising: Option<Stabilising>,
-    /// By which factor K has to grow, and λ then.
+    /// Factor by which K has to grow, and λ then.
     pub gain_factor: Option<(f64, f64)>,
-    /// Where no factor of K does it: the one of those tried with the least λ, and that.
+    /// If no factor of K suffices: the one of those tried with the least λ, and that.
     pub best_factor: Option<(f64, f64)>,
-    /// By which factor the bounds on θ have to shrink.
+    /// Factor by which the bounds on θ have to shrink.
     pub bound_factor: Option<f64>,
 }
 
-/// What makes the loop stable for each input gain within its bounds.
+/// Change that stabilises the loop for each input gain within its bounds.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Stabilising {
     /// A smaller K, by this factor.
@@ -131,7 +131,7 @@ fn gain_search(design: &L1Design, lipschitz: Lipschitz, mut omega: DMatrix<f64>)
 }
 
 /// The design with bounds of ω nearer to the identity, between which the loop is stable: first with other lower ones
-/// alone. `None` when it isn't even for ω = I.
+/// only. `None` when it isn't even for ω = I.
 fn narrowed(design: &L1Design) -> Option<L1Design> {
     let identity = DMatrix::identity(design.K.nrows(), design.K.nrows());
     // No more digits than a person would write.
@@ -163,7 +163,7 @@ pub fn rounded_down(value: f64) -> f64 {
     (value / unit).floor() * unit
 }
 
-/// What the third digit of a number counts.
+/// Value of the third digit of a number.
 fn digit(value: f64) -> f64 {
     10_f64.powi(value.log10().floor() as i32 - 2)
 }

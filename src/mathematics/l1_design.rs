@@ -26,11 +26,11 @@ const FEWEST: usize = 4;
 /// Work of one norm at most: beyond, it takes minutes.
 const MOST_WORK: usize = 3_000_000;
 
-/// How close the bounds of a norm are, and of one that is only compared with others.
+/// Relative distance of the bounds of a norm, and of one that is only compared with others.
 const TOLERANCE: f64 = 1e-7;
 const ROUGH: f64 = 1e-2;
 
-/// What messages call A_m.
+/// Name of A_m in messages.
 const DYNAMICS: &str = "the desired dynamics";
 
 /// Points of the grid of frequencies in a decade.
@@ -60,8 +60,8 @@ pub struct L1Design {
     pub unmatched: Option<UnmatchedWay>,
 }
 
-/// How K D(s) H_m⁻¹(s) H_um(s) shares the states f of K D(s): f' = … − input w_2 − (I ⊗ B_f) KC_z z, u_ad = … − direct w_2,
-/// z' = A_z z + B_z w_2.
+/// K D(s) H_m⁻¹(s) H_um(s), which shares the states f of K D(s): f' = … − input w_2 − (I ⊗ B_f) KC_z z, u_ad = … −
+/// direct w_2, z' = A_z z + B_z w_2.
 #[derive(Debug, Clone)]
 pub struct UnmatchedWay {
     /// n × k.
@@ -81,9 +81,9 @@ pub struct UnmatchedWay {
 /// Lipschitz constants of the uncertainty in the state, by the largest element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lipschitz {
-    /// Of what enters with the control.
+    /// Constant of the matched part.
     pub matched: f64,
-    /// Of what doesn't.
+    /// Constant of the unmatched part.
     pub unmatched: f64,
 }
 
@@ -115,7 +115,7 @@ pub struct Worst {
     pub norms: Norms,
     /// The input gain.
     pub omega: DMatrix<f64>,
-    /// How many input gains there were to try.
+    /// Number of input gains that there were to try.
     pub points: usize,
     /// True if every corner of the bounds was among them. If not, only some were, and a larger norm is more likely to
     /// have been missed.
@@ -125,9 +125,9 @@ pub struct Worst {
 /// Frequencies, rad/s, up to which the filtered control follows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bandwidth {
-    /// Where the slowest direction has fallen to 1/√2.
+    /// Frequency at which the slowest direction has fallen to 1/√2.
     pub slowest: f64,
-    /// Where the fastest one has.
+    /// Frequency at which the fastest one has.
     pub fastest: f64,
 }
 
@@ -149,7 +149,7 @@ impl L1Design {
         self.work() > MOST_WORK
     }
 
-    /// How many input gains may be tried.
+    /// Most input gains that may be tried.
     fn most_points(&self) -> usize {
         (BUDGET / self.work().max(1)).clamp(FEWEST, 1 << ENTRIES)
     }
@@ -341,13 +341,13 @@ impl L1Design {
         self.low_pass(omega, Complex::from(0.0)).map(|gain| gain.map(|entry| entry.re))
     }
 
-    /// Where the largest singular value of C(jω) has fallen to 1/√2, whatever becomes of a baseline. `None` when C(s) isn't
-    /// stable.
+    /// Frequency at which the largest singular value of C(jω) has fallen to 1/√2, whatever becomes of a baseline.
+    /// `None` when C(s) isn't stable.
     pub fn low_pass_band(&self, omega: &DMatrix<f64>) -> Option<f64> {
         L1Design { known: None, ..self.clone() }.bandwidth(omega).map(|band| band.fastest)
     }
 
-    /// Where the singular values of C(jω) have first fallen to 1/√2. `None` when the loop isn't stable.
+    /// Frequencies at which the singular values of C(jω) have first fallen to 1/√2. `None` when the loop isn't stable.
     pub fn bandwidth(&self, omega: &DMatrix<f64>) -> Option<Bandwidth> {
         if !self.is_stable(omega) {
             return None;
@@ -384,7 +384,7 @@ fn dynamic<R: nalgebra::Dim, C: nalgebra::Dim>(
     DMatrix::from_fn(part.nrows(), part.ncols(), |i, j| part[(i, j)])
 }
 
-/// Where a value that is above 1/√2 at `low` and below it at `high` is that.
+/// Place where a value that is above 1/√2 at `low` and below it at `high` is that.
 fn bisect(mut low: f64, mut high: f64, value: &dyn Fn(f64) -> Option<f64>) -> Option<f64> {
     for _ in 0..60 {
         let middle = (low * high).sqrt();

@@ -10,10 +10,10 @@ use crate::error::Invalid;
 use crate::mathematics::lyapunov::{gramian, require_hurwitz};
 use crate::report::Value;
 
-/// What the bound on the rest of an impulse response may be when it is cut off, relative to the bound at its start.
+/// Bound on the truncated rest of an impulse response, relative to the bound at its start.
 const TAIL: f64 = 1e-10;
 
-/// How often the first interval, of length about 1/‖A‖, may be halved.
+/// Most halvings of the first interval, of length about 1/‖A‖.
 const HALVINGS: i32 = 24;
 
 /// Doublings of the first interval after which the rest is left to its bound.
@@ -45,7 +45,7 @@ impl Bounds {
         Bounds { lower: self.lower * factor, upper: self.upper * factor }
     }
 
-    /// Of a sum.
+    /// Bounds of a sum.
     pub fn plus(self, other: Bounds) -> Bounds {
         Bounds { lower: self.lower + other.lower, upper: self.upper + other.upper }
     }
@@ -89,7 +89,7 @@ impl L1Norms {
             let seen = spread(A, c.iter(), |i, j| A[(j, i)] != 0.0);
             let mut row = Bounds { lower: 0.0, upper: 0.0 };
             for (b, reached) in B.column_iter().zip(&reached) {
-                // Channels that don't act on each other are taken alone.
+                // Only states between input and output count, so that decoupled channels are integrated separately.
                 let between: Vec<_> = (0..A.nrows()).filter(|&i| reached[i] && seen[i]).collect();
                 row = row.plus(self.entry(A, &b.into_owned(), &c.into_owned(), &between)?);
             }
@@ -123,7 +123,7 @@ impl L1Norms {
     }
 }
 
-/// Which states an input reaches, or an output sees: those with an entry of its own, and all that these act on.
+/// States that an input reaches, or an output sees: those with an entry of its own, and all that these act on.
 fn spread<'a>(A: &DMatrix<f64>, own: impl Iterator<Item = &'a f64>, acts: impl Fn(usize, usize) -> bool) -> Vec<bool> {
     let mut marked: Vec<bool> = own.map(|&entry| entry != 0.0).collect();
     let mut ahead: Vec<usize> = (0..A.nrows()).filter(|&i| marked[i]).collect();
@@ -163,7 +163,7 @@ fn quadratic(W: &DMatrix<f64>, x: &DVector<f64>) -> f64 {
     x.dot(&(W * x)).max(0.0)
 }
 
-/// What an interval of length h takes, exactly: x(h) = e^(Ah) x, ∫g = r x, ∫g'² = xᵀ W x.
+/// An exact step of length h: x(h) = e^(Ah) x, ∫g = r x, ∫g'² = xᵀ W x.
 struct Step {
     h: f64,
     transition: DMatrix<f64>,
@@ -172,7 +172,7 @@ struct Step {
 }
 
 impl Step {
-    /// By Taylor series, for h ‖A‖ ≤ 1/2.
+    /// Uses a Taylor series, for h ‖A‖ ≤ 1/2.
     fn short(A: &DMatrix<f64>, c: &RowDVector<f64>, h: f64) -> Self {
         let n = A.nrows();
         let g_rate = c * A;

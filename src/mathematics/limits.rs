@@ -2,10 +2,10 @@
 
 use crate::system::{NO_LIMIT, Parameter, Point, Scalar, VectorOf};
 
-/// What is no limit: a control beyond 1e12 counts as divergence before it gets there.
+/// Value of no limit: a control beyond 1e12 counts as divergence before it gets there.
 pub const UNLIMITED: f64 = NO_LIMIT;
 
-/// A value kept within limits.
+/// Saturation of a value to limits.
 pub fn within<S: Scalar>(value: S, min: S, max: S) -> S {
     S::branch(value.below(min), || min, || S::branch(value.above(max), || max, || value))
 }

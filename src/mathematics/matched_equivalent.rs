@@ -15,13 +15,13 @@ use crate::error::Invalid;
 use crate::mathematics::filter::Filter;
 use crate::mathematics::lyapunov::eigenvalue_text;
 
-/// Smallest size of a term, relative to the standard deviation [`Equation`] keeps of it, that is told from rounding.
+/// Smallest size of a term, relative to its standard deviation in [`Equation`], that counts as nonzero.
 const ROUNDING: f64 = 1e-12;
 
-/// How far left of the imaginary axis a zero has to be, relative to ‖A_z‖, to be told from one on it.
+/// Least distance of a zero from the imaginary axis, relative to ‖A_z‖, to count as stable.
 const MARGIN: f64 = 1e-10;
 
-/// How far H_m(s) T(s) may be from H_um(s), relative to the sizes of both factors.
+/// Largest distance of H_m(s) T(s) from H_um(s), relative to the sizes of both factors.
 const ACCURACY: f64 = 1e-6;
 
 /// T(s) = Σ h_j s^j + C_z (sI − A_z)⁻¹ B_z = H_m(s)⁻¹ H_um(s), with H_m(s) = C (sI − A_m)⁻¹ B and
@@ -204,7 +204,7 @@ impl Plant {
         (plant, u.to_vec())
     }
 
-    /// The equations between states and disturbances alone, orthonormal in the states, and those that give the inputs.
+    /// The equations between only states and disturbances, orthonormal in the states, and those that give the inputs.
     ///
     /// # Errors
     /// [`Invalid`] when there are fewer of these than inputs.

@@ -48,7 +48,7 @@ pub fn cholesky<D: Dim>(matrix: OMatrix<f64, D, D>) -> Option<Cholesky<f64, D>>
 where
     DefaultAllocator: Allocator<D, D>,
 {
-    // A substitute of zero is never taken. Without one the compiled code takes the root of whatever stands in its place, and
-    // drops it: an invalid operation that nobody asked for.
+    // A substitute of zero is never used. Without one, the compiled code takes the root of an arbitrary value and drops
+    // it: an invalid operation that nobody asked for.
     Cholesky::new_with_substitute(matrix, 0.0)
 }

@@ -1,4 +1,4 @@
-//! Mathematics that controllers and plants share: limits, the projection operator, fuzzy inference, and what designs are made of.
+//! Mathematics of controllers, plants and designs: limits, the projection operator, fuzzy inference, norms and margins.
 
 pub mod angle;
 pub mod balanced;

@@ -30,7 +30,7 @@ impl<T: Scalar> Performance<T> {
     }
 }
 
-/// Tells of the funnels of all channels: ρ_0, ρ_∞ and l.
+/// Reports the funnels of all channels: ρ_0, ρ_∞ and l.
 pub fn report(parameters: [VectorOf<Parameter>; 3], v: &Values<f64>, report: &mut DesignReport) {
     let [rho_0, rho_inf, decay_rate] = parameters.map(|parameter| &v[parameter]);
     let names = parameters.map(|parameter| v.name(parameter));
@@ -82,7 +82,7 @@ impl<T: Scalar> Bounds<T> {
         z.above(-self.lower) & z.below(self.upper)
     }
 
-    /// How far z is from the nearer one; negative outside.
+    /// Distance of z from the nearer one; negative outside.
     pub fn margin(&self, z: T) -> T {
         let (below, above) = (z + self.lower, self.upper - z);
         T::select(below.below(above), below, above)
@@ -121,7 +121,7 @@ impl<T: Scalar> Bounds<T> {
         T::branch(epsilon.at_least(T::from(0.0)), above, below)
     }
 
-    /// What belongs to ε within the bound ρ.
+    /// Values that belong to ε within the bound ρ.
     pub fn at(&self, epsilon: T, rho: T) -> Transformed<T> {
         let (zero, sign) = (T::from(0.0), epsilon.signum());
         let is_flat = epsilon.abs().above(T::from(FLAT));

@@ -10,12 +10,11 @@ use nalgebra::{Complex, DMatrix, DVector, RowDVector};
 use crate::error::Invalid;
 use crate::mathematics::balanced::balance;
 
-/// What is left of a vector after the states already reached are taken out of it, relative to ‖A‖ or ‖b‖, that is told
-/// from rounding.
+/// Smallest rest of a vector outside the states already reached, relative to ‖A‖ or ‖b‖, that counts as nonzero.
 const REACHED: f64 = 1e-12;
 
-/// How far the characteristic polynomial of A − B K may be from the one asked for, relative, at points as far from the
-/// poles as these are from the imaginary axis.
+/// Largest relative deviation of the characteristic polynomial of A − B K from the one asked for, at points as far from
+/// the poles as these are from the imaginary axis.
 const ACCURACY: f64 = 1e-6;
 
 /// K such that A − B K has these poles: the poles of the first input's chain first, then those of the second, and so
@@ -271,7 +270,7 @@ mod tests {
     fn the_poles_of_each_axis_of_a_twin_rotor_are_placed_on_that_axis() {
         let (A, B) = twin_rotor();
         let K = place(&A, &B, &real(&[-15.0, -17.0, -20.0, -15.0, -17.0, -20.0])).unwrap();
-        // control.acker (python-control 0.10.2) on each axis alone.
+        // control.acker (python-control 0.10.2) on each separate axis.
         let psi = [3573.4657499363384, 651.823911382735, 0.0, 0.0, 51.00267379679145, 0.0];
         let phi = [0.0, 0.0, 1416.6666666666667, 183.33333333333334, 0.0, 57.5];
         assert_close(&K, &[psi, phi].concat(), 1e-12);
@@ -318,8 +317,8 @@ mod tests {
             let mut poles: Vec<_> = (0..n).map(|k| -1.0 - 0.5 * k as f64).collect();
             let K = place(&A, &B, &real(&poles)).unwrap();
             if (n, m) == (8, 2) {
-                // So close to uncontrollable that the closed loop's eigenvalues say less than the gain itself, here by
-                // mpmath with 60 digits.
+                // So close to uncontrollable that the closed loop's eigenvalues prove less than the gain itself, here
+                // by mpmath with 60 digits.
                 let first = [448.09722082577538, -46.3331844679965, -16.487348092201954, -134.52610033566446];
                 assert_close(&K.view((0, 0), (1, 4)).into_owned(), &first, 1e-12);
                 continue;

@@ -1,5 +1,5 @@
-//! New descriptions: what a user starts a unit of their own with, ready to be exported as it stands. The text of each kind
-//! stands beside its model; here is what they share.
+//! New descriptions, from which a user's own FMU starts: ready to be exported as they are. Each model has the text of
+//! its kind in a file next to it; this module has the shared parts.
 
 mod magnitudes;
 mod plant;
@@ -23,11 +23,11 @@ use crate::system::TAKEN;
 /// Largest number of states, inputs or outputs.
 pub const MOST: i64 = 50;
 
-/// The longest chain of integrators that a control moves, or an output shows, where nobody says how many there are: the
-/// poles of longer ones are lost in rounding from about 14 on.
+/// Longest chain of integrators that a control moves, or an output shows, if no number is given: the poles of longer
+/// ones are lost in rounding from about 14 on.
 const LONGEST_CHAIN: usize = 8;
 
-/// How a kind's descriptions are begun.
+/// Template of a kind's descriptions.
 #[derive(Debug, Clone, Copy)]
 pub struct Template {
     /// The text for a request; why there is none.
@@ -54,11 +54,11 @@ pub enum Needs {
 /// Sizes that a user asks for.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sizes {
-    /// Of the plant's state.
+    /// Size of the plant's state.
     pub states: Option<usize>,
-    /// Of the plant's inputs.
+    /// Number of the plant's inputs.
     pub inputs: Option<usize>,
-    /// Of the plant's outputs, or of channels.
+    /// Number of the plant's outputs, or of channels.
     pub outputs: Option<usize>,
 }
 
@@ -71,7 +71,7 @@ impl Sizes {
         Sizes { states: Some(states), inputs: Some(inputs), outputs: None }
     }
 
-    /// A number of inputs alone.
+    /// A number of inputs only.
     pub const fn inputs(inputs: usize) -> Self {
         Sizes { inputs: Some(inputs), ..Sizes::NONE }
     }
@@ -106,7 +106,7 @@ impl Default for Experiment<'_> {
     }
 }
 
-/// What is to be begun.
+/// Description that is to be written.
 #[derive(Debug, Clone)]
 pub struct Request<'a> {
     /// Name of the kind.
@@ -117,7 +117,7 @@ pub struct Request<'a> {
     pub sizes: Sizes,
     /// The nominal plant.
     pub plant: Option<Plant>,
-    /// How fast the controlled system is to be at least, rad/s.
+    /// Least bandwidth of the controlled system, rad/s.
     pub bandwidth: Option<f64>,
     /// Usual magnitude of the references: one for all, or one for each.
     pub reference: &'a [f64],
@@ -268,7 +268,7 @@ impl Request<'_> {
         })
     }
 
-    /// A text with what every description begins with: what the page of its kind says it is, how long it runs and its step, s.
+    /// A text with the entries that begin every description: the title of its kind, its stop time and its step, s.
     pub fn begin(&self, page: &Page, stop_time: f64, step: f64) -> Text {
         let mut text = Text::default();
         text.comment(&format!("What each key means: docs/description.md; the equations: docs/{}.md.", page.place));

@@ -46,7 +46,7 @@ pub struct Plant {
     pub B: DMatrix<f64>,
     /// p × n.
     pub C: DMatrix<f64>,
-    /// p × m, where the input shows in the output at once.
+    /// p × m, if there is feedthrough.
     pub D: Option<DMatrix<f64>>,
     /// The states.
     pub x: Signals,
@@ -69,7 +69,7 @@ pub struct Signals {
     pub names: Vec<String>,
     /// A unit each.
     pub units: Vec<String>,
-    /// What each is, in words of its plant.
+    /// Descriptions in words of the plant.
     pub texts: Vec<String>,
 }
 
@@ -299,14 +299,13 @@ impl Given {
 }
 
 impl Signals {
-    /// Words for each, for descriptions: the plant's own texts, else its names; none where neither tells them
-    /// apart.
+    /// Words for each, for descriptions: the plant's own texts, else its names; none if neither are distinct.
     pub fn quantities(&self) -> Vec<String> {
         let tells = |texts: &[String]| !texts.is_empty() && quantities("", texts, texts.len()).is_ok();
         [&self.texts, &self.names].into_iter().find(|texts| tells(texts)).cloned().unwrap_or_default()
     }
 
-    /// Where the signals of these names are.
+    /// Places of the signals with these names.
     fn places(&self, option: &str, names: &[String]) -> Result<Vec<usize>, Invalid> {
         let place = |name: &String| {
             let known = self.names.iter().position(|known| known == name);
@@ -337,7 +336,7 @@ impl Signals {
             Some(Value::Object(units)) => units.get(unit).map(|units| texts(&format!("units.{unit}"), "", units, len)),
             Some(_) => return Err(Invalid::because("units: must be an object with lists x, u, y")),
         };
-        // Where signals are objects, they tell their units themselves.
+        // Signals that are objects contain their units.
         let told =
             || table.get(key).and_then(|value| texts(key, "unit", value, len).ok().filter(|_| !value[0].is_string()));
         let units = units.transpose()?.or_else(told).unwrap_or_default();
@@ -345,7 +344,7 @@ impl Signals {
     }
 }
 
-/// A text each; one alone may stand without a list, and a text as an entry of an object.
+/// One text each. A single one may be given without a list, and a text as an entry of an object.
 fn texts(key: &str, entry: &str, value: &Value, len: usize) -> Result<Vec<String>, Invalid> {
     let text = |value: &Value| value.as_str().or_else(|| value.get(entry)?.as_str()).map(str::to_owned);
     let given: Option<Vec<_>> = match value {

@@ -52,7 +52,7 @@ impl Text {
         self.text.push_str(&format!("\n[{name}]\n"));
     }
 
-    /// A setting with what it is, beside it or before it.
+    /// Writes a setting with its comment after or before it.
     pub fn set(&mut self, key: &str, value: impl Display, comment: &str) {
         let setting = format!("{key} = {value}");
         let narrow = !setting.contains('\n') && setting.chars().count() + comment.chars().count() + 4 <= WIDTH;

@@ -1,5 +1,5 @@
-//! What a designer should know of the adaptation: how fast it turns beside the filter, how far off the output may be for it,
-//! which K it tolerates, and what a wrong input gain makes of the baseline.
+//! Report of the adaptation: its speed compared with the filter, the deviation of the output that follows, the K that
+//! it tolerates, and the effect of a wrong input gain on the baseline.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;
@@ -13,12 +13,12 @@ use crate::report::number;
 use crate::system::{DesignReport, Values, Verdict};
 use crate::template::three_digits;
 
-/// By how much of a reference the output may be off, up to which nothing is said against the adaptation, and beyond which
-/// it isn't sound, where it isn't much faster than the filter.
+/// Deviation of the output, in parts of the reference, up to which the adaptation is accepted, and beyond which it
+/// isn't sound unless it is much faster than the filter.
 const NEAR: f64 = 0.3;
 const FAR: f64 = 5.0;
 
-/// How far the prediction of an output may be off, and a reference of it.
+/// Bound on the prediction error of an output, and a reference of it.
 struct Off {
     output: usize,
     bound: f64,
@@ -41,7 +41,7 @@ impl Off {
 }
 
 impl Law {
-    /// Tells of the adaptation beside the filter of a design, whose K has this name.
+    /// Reports the adaptation compared with the filter of a design, whose K has this name.
     pub(super) fn report_adaptation(&self, design: &L1Design, gain: &str, v: &Values<f64>, report: &mut DesignReport) {
         let (P, Q) = (v.matrix(self.design.P).into_owned(), v.matrix(self.design.Q).into_owned());
         let B = &self.plant.B;
@@ -55,7 +55,7 @@ impl Law {
         self.report_baseline(design, v, report);
     }
 
-    /// The adaptation's frequency beside the filter's bandwidth, and the bound of the prediction beside the reference.
+    /// The adaptation's frequency and the filter's bandwidth; the bound of the prediction and the reference.
     fn report_speed(&self, design: &L1Design, adaptation: &L1Adaptation, v: &Values<f64>, report: &mut DesignReport) {
         let turns = adaptation.slowest();
         let rest = "of the slowest direction of the adaptation, with control and state at zero";
@@ -132,7 +132,7 @@ impl Law {
         v: &Values<f64>,
         report: &mut DesignReport,
     ) {
-        // What the filter does at once: where D(s) falls off faster than 1/s, it leaves fast motions alone.
+        // Direct feedthrough of the filter: if D(s) falls off faster than 1/s, fast motions don't pass.
         let at_once = (&self.filter.C_f * &self.filter.B_f)[0];
         let is_full = self.omega_entries.len() == design.K.len();
         let factor = adaptation.tolerated(&(&design.K * at_once), &design.gains(), is_full);
@@ -163,7 +163,7 @@ impl Law {
         report.judge(&name, &value, "1/s", Verdict::Warning, note);
     }
 
-    /// What a wrong input gain makes of a baseline outside: (ω − I) K_m x counts to θ.
+    /// Effect of a wrong input gain on an outside baseline: (ω − I) K_m x counts as part of θ.
     fn report_baseline(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
         let Some(K_m) = design.known.as_ref().filter(|_| self.baseline == Baseline::Outside) else { return };
         let m = design.K.nrows();

@@ -23,7 +23,7 @@ use crate::system::{Class, ErrorEstimate, Handle, MatrixOf, Point, Section, Stat
 const USUAL_TOLERANCE: f64 = 1e-6;
 const GENERAL_ORDER: f64 = 5.0;
 
-/// Where the parts of the linear system's state (x̃, a, f, z, t, 1) begin.
+/// Places where the parts of the linear system's state (x̃, a, f, z, t, 1) begin.
 #[derive(Debug, Clone, Copy)]
 struct Places {
     a: usize,
@@ -44,7 +44,7 @@ struct Linear<'a> {
     v: Values<'a, f64>,
     slopes: &'a [f64],
     at: Places,
-    /// By columns.
+    /// The matrix, by columns.
     matrix: &'a mut [f64],
     /// η̂ as rows over the state, one a channel.
     eta: &'a mut [f64],
@@ -105,10 +105,10 @@ impl Law {
         Space { matrix, eta, exponential, solution: [start, end, whole], states }
     }
 
-    /// Advances the states by one stride, and tells where one of twice its length leads. Whether it could: not where an
-    /// estimate may come to the layer at its bounds on the way, for what is linear here knows no projection.
+    /// Advances the states by one stride, and computes the end of a stride of twice its length. False if an estimate
+    /// may reach the layer at its bounds on the way, because the linear system has no projection.
     ///
-    /// A reference that is no input is held over the stride, and so is K.
+    /// A reference that is no input is constant over the stride, and so is K.
     pub(in crate::controllers) fn closed_form<R: Class, G: Class>(
         &self,
         r: VectorOf<R>,
@@ -152,7 +152,7 @@ impl Law {
         true
     }
 
-    /// How far a may swing about where it stands, with its rates of first and second order.
+    /// Bound on the swing of a about its present value, from its rates of first and second order.
     fn amplitudes(&self, v: &Values<f64>, excitations: &[f64], rates: [&[f64]; 2], amplitudes: &mut [f64]) {
         let [rates, second_rates] = rates;
         let PB = v.matrix(self.design.PB);
@@ -165,7 +165,7 @@ impl Law {
         }
     }
 
-    /// True if an estimate may come to the layer in which projection acts, where a goes through these values.
+    /// True if an estimate may reach the layer in which projection acts, if a goes through these values.
     fn may_be_projected(
         &self,
         v: &Values<f64>,
@@ -266,7 +266,7 @@ impl Law {
             compare(whole[self.u_ad][i], halves[self.u_ad][i], u_ad);
         }
         for i in 0..self.channels() {
-            // η̂ passes through zero where what it is made of does not.
+            // η̂ passes through zero although its terms don't.
             let magnitude = u_ad.max(self.magnitude(i, halves));
             compare(self.uncertainty_of(i, whole), self.uncertainty_of(i, halves), magnitude);
         }
@@ -277,7 +277,7 @@ impl Law {
         ErrorEstimate { scaled, order: 2 }
     }
 
-    /// Where strides of no length would lead: the error of a stride is proportional to its length.
+    /// Extrapolates to strides of length zero: the error of a stride is proportional to its length.
     fn extrapolate(&self, whole: &Values<f64>, v: &mut Point) {
         for handle in self.all_states() {
             v[handle].iter_mut().zip(&whole[handle]).for_each(|(halves, whole)| *halves += *halves - whole);
@@ -372,7 +372,7 @@ impl Linear<'_> {
         }
     }
 
-    /// What u_ad of channel j has of η̂_2 at once, times ω̂, in η̂ of channel i.
+    /// Feedthrough of η̂_2 to u_ad of channel j, times ω̂, in η̂ of channel i.
     fn add_at_once(&mut self, omega: f64, i: usize, j: usize) {
         let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.cancellation.direct) else {
             return;

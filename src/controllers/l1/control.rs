@@ -39,7 +39,7 @@ impl Law {
         }
     }
 
-    /// u_ad: what the filter gives, with what it has of η̂_2 at once.
+    /// u_ad: the output of the filter, including the feedthrough of η̂_2.
     fn filtered<S: Scalar>(&self, v: &Values<S>, y: &mut Signals<S>) {
         for (i, states) in v[self.f].chunks_exact(self.filter.order()).enumerate() {
             y[self.u_ad][i] = states.iter().zip(self.filter.C_f.iter()).fold(S::from(0.0), |sum, (&f, &c)| sum + f * c);
@@ -49,7 +49,7 @@ impl Law {
         }
     }
 
-    /// What u_ad of a channel has of η̂_2 at once.
+    /// Feedthrough of η̂_2 to u_ad of a channel.
     pub(super) fn at_once<S: Scalar>(&self, i: usize, v: &Values<S>, eta_hat: impl Fn(&Unmatched, usize) -> S) -> S {
         self.unmatched.as_ref().map_or(S::from(0.0), |unmatched| unmatched.at_once(i, v, |k| eta_hat(unmatched, k)))
     }

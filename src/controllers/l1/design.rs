@@ -15,7 +15,7 @@ use crate::system::{
 /// After so many time constants 2 % are left.
 pub(in crate::controllers) const SETTLED: f64 = 4.0;
 
-/// The numbers of the law, and what follows from them.
+/// Parameters of the controller, and numbers that follow from them.
 #[derive(Debug)]
 pub(super) struct Design {
     pub adaptation_gain: ScalarOf<Parameter>,
@@ -24,16 +24,16 @@ pub(super) struct Design {
     pub Q: MatrixOf<Parameter>,
     pub omega_min: VectorOf<Parameter>,
     pub omega_max: VectorOf<Parameter>,
-    /// By columns: the bounds of the elements of θ, or those of its rows, which are then the same in each column.
+    /// Bounds of the elements of θ, by columns, or those of its rows, which are then the same in each column.
     pub theta_bound: VectorOf<Parameter>,
     pub sigma_bound: VectorOf<Parameter>,
     pub projection_tolerance: ScalarOf<Parameter>,
-    /// When a closed-form step is taken, and how sharp it is; none where there is no closed form.
+    /// Conditions of a closed-form step, and its accuracy; none if there is no closed form.
     pub closed_form: Option<ClosedForm>,
     pub step_phase_limit: ScalarOf<Parameter>,
     /// T_t, with which u_ad follows what the limits leave.
     pub tracking_time: VectorOf<Parameter>,
-    /// By which commanded accelerations become the control, where they are commanded.
+    /// Factor from commanded accelerations to the control, if they are commanded.
     inertia: Option<VectorOf<Parameter>>,
     pub P: MatrixOf<Prepared>,
     pub K_g: MatrixOf<Prepared>,
@@ -55,14 +55,14 @@ pub(super) struct ClosedForm {
     pub phase: ScalarOf<Parameter>,
 }
 
-/// Where the desired dynamics come from.
+/// Source of the desired dynamics.
 #[derive(Debug)]
 pub(in crate::controllers) enum Dynamics {
     /// They are given; there is no baseline.
     Given(MatrixOf<Parameter>),
     /// They are given, and the baseline's gain K_m brings them about.
     Matched { A_m: MatrixOf<Parameter>, K_m: MatrixOf<Prepared> },
-    /// Of poles, by the baseline's gain K_m.
+    /// Placed poles, by the baseline's gain K_m.
     Placed {
         pole_real: VectorOf<Parameter>,
         pole_imag: VectorOf<Parameter>,
@@ -128,7 +128,7 @@ impl Dynamics {
         Some(v[*pole_real].iter().zip(&v[*pole_imag]).map(|(&re, &im)| Complex::new(re, im)).collect())
     }
 
-    /// Where there is a baseline, its K_m, and A_m where poles are to be placed.
+    /// Computes K_m if there is a baseline, and A_m if poles are to be placed.
     ///
     /// # Errors
     /// [`Invalid`] where no feedback leads there.
@@ -245,7 +245,7 @@ impl Design {
         self.dynamics.gain().map(|K_m| v.matrix(K_m))
     }
 
-    /// What turns the command of a channel into its control.
+    /// Factor from the command of a channel to its control.
     pub fn inertia<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         self.inertias(v).get(channel).copied().unwrap_or(S::from(1.0))
     }
@@ -261,7 +261,7 @@ impl Design {
         self.prepare_laws(plant, v)
     }
 
-    /// Bounds and times, and what follows from K alone.
+    /// Bounds and times, and numbers that follow from K only.
     pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         for k in 0..self.omega_min.len() {
             v.require_at_most(self.omega_min.at(k), self.omega_max.at(k));

@@ -12,7 +12,7 @@ pub(super) struct Estimate<S> {
     pub bounds: (S, S),
     /// The channel to whose η̂ it adds: of the control, then of the unmatched directions.
     pub channel: usize,
-    /// What it is multiplied by there.
+    /// Its factor there.
     pub factor: S,
 }
 
@@ -38,7 +38,7 @@ impl Law {
         }
     }
 
-    /// By which an element of x is multiplied in φ(x); none where it isn't.
+    /// Factor of an element of x in φ(x); none if there is none.
     pub(super) fn regressor_gain(&self, j: usize) -> Option<f64> {
         self.regressor_gains.get(j).copied()
     }
@@ -77,13 +77,13 @@ impl Law {
         }
     }
 
-    /// Sum of the magnitudes of what η̂ is made of in a channel.
+    /// Sum of the magnitudes of the terms of η̂ in a channel.
     pub(super) fn magnitude(&self, channel: usize, v: &Values<f64>) -> f64 {
         let estimates = (0..self.estimates()).map(|k| self.estimate(k, v)).filter(|e| e.channel == channel);
         estimates.map(|estimate| (v[estimate.place] * estimate.factor).abs()).sum()
     }
 
-    /// How many estimates are in the layer at their bounds in which projection acts.
+    /// Number of estimates in the layer at their bounds in which projection acts.
     pub(super) fn projections<S: Scalar>(&self, v: &Values<S>) -> S {
         let epsilon = v[self.design.projection_tolerance];
         (0..self.estimates()).fold(S::from(0.0), |count, k| {
@@ -103,7 +103,7 @@ impl Law {
         });
     }
 
-    /// How many estimates lay outside their bounds, and no longer do.
+    /// Number of estimates that lay outside their bounds, and no longer do.
     pub(super) fn bring_within_bounds<S: Scalar>(&self, v: &mut Point<S>) -> S {
         (0..self.estimates()).fold(S::from(0.0), |clipped, k| {
             let Estimate { place, bounds: (lo, hi), .. } = self.estimate(k, &v.values());

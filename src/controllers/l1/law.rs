@@ -21,25 +21,25 @@ use crate::system::{
     scalar, vector,
 };
 
-/// What a unit adds to the control beside the law. The predictor knows of it, and the estimates don't see it.
+/// Addition of an FMU to the adaptive control. The predictor knows of it, and the estimates don't see it.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::controllers) struct Beside {
-    /// In units of u_ad; 0 while the law isn't in command.
+    /// In units of u_ad; 0 while the controller isn't in command.
     pub now: VectorOf<Signal>,
-    /// What it is where the law takes command without a jump, or starts.
+    /// Its value when the controller takes over without a jump, or starts.
     pub at_takeover: VectorOf<Discrete>,
 }
 
-/// Where the law is to lead.
+/// Goal of the controller.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::controllers) enum Goal<'a, S> {
     /// The reference of the outputs.
     Reference(&'a [S]),
-    /// What stands in place of K_g r.
+    /// Replacement of K_g r.
     Command(VectorOf<Signal>),
 }
 
-/// The law for a plant x' = A_m x + B (ω v + θ φ(x) + σ) + B_um (θ_2 ‖x‖∞ + σ_2).
+/// Controller for a plant x' = A_m x + B (ω v + θ φ(x) + σ) + B_um (θ_2 ‖x‖∞ + σ_2).
 #[derive(Debug)]
 pub(in crate::controllers) struct Law {
     pub(super) plant: PlantMatrices,
@@ -49,7 +49,7 @@ pub(in crate::controllers) struct Law {
     /// The filter's state at rest, for an output of 1.
     pub(super) filter_at_rest: DVector<f64>,
     pub(super) regressor: Regressor,
-    /// By which x is multiplied in φ(x) = x; empty where it isn't.
+    /// Factors of x in φ(x) = x; empty if there are none.
     pub(super) regressor_gains: Vec<f64>,
     pub(super) baseline: Baseline,
     pub(super) design: Design,
@@ -92,7 +92,7 @@ pub(in crate::controllers) struct Law {
 }
 
 impl Law {
-    /// The law of a description, between these ports.
+    /// The controller of a description, between these ports.
     ///
     /// # Errors
     /// [`Invalid`] when the description contradicts itself.
@@ -100,7 +100,7 @@ impl Law {
         Self::with(structure, ports, None, d)
     }
 
-    /// The law of a description, between these ports, with what a unit adds to the control beside it.
+    /// The controller of a description, between these ports, with the addition of an FMU to the control.
     ///
     /// # Errors
     /// [`Invalid`] when the description contradicts itself.
@@ -198,7 +198,7 @@ impl Law {
         Ok(law)
     }
 
-    /// What is designed from parameters.
+    /// Designs matrices from parameters.
     ///
     /// # Errors
     /// [`Invalid`] with every reason.
@@ -209,7 +209,7 @@ impl Law {
         unmatched.cancellation.prepare((&name, &A_m), &self.plant, &self.filter, v)
     }
 
-    /// What follows from parameters by arithmetic, and the relations that they keep.
+    /// Computes numbers from parameters by arithmetic, and checks their relations.
     pub fn relate<S: Scalar>(&self, v: &mut Point<S>) {
         self.design.relate(v);
         if let Some(unmatched) = &self.unmatched {
@@ -238,7 +238,7 @@ impl Law {
         }
     }
 
-    /// K, where nothing else stands in its place.
+    /// K, unless another matrix replaces it.
     pub fn feedback_gain(&self) -> MatrixOf<Parameter> {
         self.design.feedback_gain
     }
@@ -256,10 +256,10 @@ impl Law {
         rates.zip(self.plant.C.row(channel).iter()).fold(S::from(0.0), |sum, (rate, &c)| sum + rate * c)
     }
 
-    /// True if K may change while the law runs.
+    /// True if K may change while the controller runs.
     ///
     /// # Errors
-    /// [`Invalid`] where it may not, and why.
+    /// [`Invalid`] with the reason, if it may not.
     pub fn allows_scheduling(&self) -> Result<(), Invalid> {
         if self.unmatched.is_none() {
             return Ok(());
@@ -430,8 +430,8 @@ impl Law {
         }
     }
 
-    /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K stands before the filter, so that tuning it makes the
-    /// control jump at most by what u_ad has of η̂_2 at once.
+    /// f' = A_f f − B_f K (η̂ − K_g r) in each channel. K is before the filter, so that tuning it makes the control
+    /// jump at most by the feedthrough of η̂_2.
     fn control_law<S: Scalar>(&self, K: DMatrixView<S>, v: &Values<S>, dx: &mut Rates<S>) {
         let (Filter { A_f, B_f, .. }, order) = (&self.filter, self.filter.order());
         for (i, states) in v[self.f].chunks_exact(order).enumerate() {

@@ -40,7 +40,7 @@ pub(super) use structure::{
 };
 pub(super) use unmatched::{Cancellation, Form, Zeros};
 
-/// What the adaptive control starts with.
+/// Start of the adaptive control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum AdaptiveStart {
     Zero,
@@ -181,7 +181,7 @@ pub(super) fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: impl 
     }
 }
 
-/// u_ad − K_m x, and what a unit adds beside it.
+/// u_ad − K_m x, and the addition of an FMU.
 fn commanded<S: Scalar>(u_ad: S, feedback: S, beside: Option<S>) -> S {
     beside.map_or(u_ad - feedback, |beside| u_ad - feedback + beside)
 }

@@ -1,4 +1,4 @@
-//! By which signals an L1 law is connected: a unit's own, or a part of them where the law is one part of a unit.
+//! Ports of an L1 controller: those of its own FMU, or a part of them if the FMU contains more.
 
 use super::structure::Symbols;
 use crate::controllers::at_limit::{Limited, manual, unlimited};
@@ -25,7 +25,7 @@ pub(in crate::controllers) struct Ports {
 }
 
 impl Ports {
-    /// Of a unit that is the law alone.
+    /// Declares the ports of a standalone controller.
     pub fn declare(d: &mut Declaration, r: VectorOf<Input>, units: &Symbols) -> Self {
         let (x, u) = (&units.x, &units.u);
         let enabled =

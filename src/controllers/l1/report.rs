@@ -1,5 +1,5 @@
-//! What a designer should know of an L1 law: its desired dynamics, its filter's loop, the L1-norm condition, the
-//! time-delay margin, the limits of the control, the bound on the prediction error and the communication step.
+//! Report of an L1 controller: its desired dynamics, its filter's loop, the L1-norm condition, the time-delay margin,
+//! the limits of the control, the bound on the prediction error and the communication step.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;
@@ -18,11 +18,11 @@ use crate::system::{DesignReport, Parameter, Values, VectorOf, Verdict};
 /// Relative residual up to which a Lyapunov equation counts as solved.
 const RESIDUAL: f64 = 1e-9;
 
-/// By how much a gain that is advised should lessen the prediction error.
+/// Factor by which an advised gain should lessen the prediction error.
 const FINER: f64 = 10.0;
 
 impl Law {
-    /// Tells of the law, with each of these K, of which the first is the parameter.
+    /// Reports the controller with each of these K, of which the first is the parameter.
     pub fn report(&self, gains: &[(&str, DMatrix<f64>)], v: &Values<f64>, report: &mut DesignReport) {
         let is_decided = self.tell_plants(gains, v, report);
         self.report_dynamics(v, report);
@@ -88,7 +88,7 @@ impl Law {
         report.judge("residual", left, "", verdict, note);
     }
 
-    /// The law as the linear system that fast adaptation makes it.
+    /// The controller as the linear system that fast adaptation makes it.
     fn l1_design(&self, K: &DMatrix<f64>, v: &Values<f64>) -> L1Design {
         let m = K.nrows();
         let bound = |values: &[f64]| {
@@ -211,7 +211,7 @@ impl Law {
         report.tell("worst omega", &worst.omega, "", &tried);
     }
 
-    /// What would make λ less than 1, in the words of the parameters.
+    /// Advice that makes λ less than 1, in terms of the parameters.
     fn advised(&self, advice: &Advice, design: &L1Design, gain: &str, v: &Values<f64>) -> String {
         let is_full = self.omega_entries.len() == design.K.len();
         let (first, then) = match &advice.stabilising {
@@ -304,7 +304,7 @@ impl Law {
         Uncertainty { theta_bound, sigma_bound, omega_range: ranges.collect(), ..Uncertainty::default() }
     }
 
-    /// Of a unit that is stepped by itself.
+    /// Reports the communication step of an FMU that is stepped by itself.
     fn report_step(&self, v: &Values<f64>, report: &mut DesignReport) {
         if report.step == 0.0 {
             return;

@@ -1,4 +1,4 @@
-//! What the sizes of an L1 controller follow from, as its description says it.
+//! Sizes of an L1 controller, from its description.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use crate::system::{Invalid, Number, Scalar, Unit, of_outputs, quantities};
 /// Largest number of states: beyond it, solving the Lyapunov equation takes minutes.
 pub(super) const MOST_STATES: usize = 200;
 
-/// What multiplies the estimates θ̂.
+/// Regressor of the estimates θ̂.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Regressor {
@@ -21,7 +21,7 @@ pub enum Regressor {
     InfinityNorm,
 }
 
-/// Which entries of the input gain ω are estimated.
+/// Estimated entries of the input gain ω.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum InputGain {
@@ -31,20 +31,20 @@ pub enum InputGain {
     Diagonal,
 }
 
-/// Where the static state feedback −K_m x stands that gives the nominal plant its desired dynamics.
+/// Place of the static state feedback −K_m x that gives the nominal plant its desired dynamics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Baseline {
     /// There is none: the plant is written in the desired dynamics already.
     #[default]
     None,
-    /// Beside the adaptive control, whose estimates see u_ad alone.
+    /// Outside the adaptive control, whose estimates see u_ad only.
     Outside,
     /// Inside what the estimates see: the whole control, with K_m x as a known term.
     Inside,
 }
 
-/// How the desired dynamics are given, where a baseline brings them about.
+/// Form of the desired dynamics, if a baseline brings them about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DesiredDynamics {
@@ -78,17 +78,17 @@ pub struct L1Structure {
     pub(super) B: Vec<Vec<f64>>,
     /// Output matrix C, m rows of n numbers: as many outputs as inputs.
     pub(super) C: Vec<Vec<f64>>,
-    /// What multiplies the estimates of theta.
+    /// Regressor of the estimates of theta.
     pub(in crate::controllers) regressor: Regressor,
     /// Usual magnitudes of the states, n numbers: with `regressor = "state"`, theta multiplies x/state_scale. 1 where they aren't
     /// given.
     pub(super) state_scale: Option<Vec<f64>>,
-    /// Which entries of the input gain omega are estimated.
+    /// Estimated entries of the input gain omega.
     pub(in crate::controllers) input_gain: InputGain,
-    /// Where the static state feedback stands that gives the plant its desired dynamics.
+    /// Place of the static state feedback that gives the plant its desired dynamics.
     #[serde(default)]
     pub(in crate::controllers) baseline: Baseline,
-    /// How the desired dynamics are given, where a baseline brings them about.
+    /// Form of the desired dynamics, if a baseline brings them about.
     #[serde(default)]
     pub(in crate::controllers) desired_dynamics: DesiredDynamics,
     /// Quantity that the controller commands.
@@ -99,7 +99,7 @@ pub struct L1Structure {
     filter: FilterDescription,
     /// True if unmatched uncertainty is estimated too, along B_um.
     pub(super) unmatched: Option<bool>,
-    /// Where unmatched uncertainty enters, n rows of k numbers, orthogonal to B; all that B leaves, where it isn't given.
+    /// Directions of unmatched uncertainty, n rows of k numbers, orthogonal to B; all that B leaves, if not given.
     pub(super) B_um: Option<Vec<Vec<f64>>>,
     /// States that are angles, counted from 1: values that differ by whole turns are the same. Their unit is rad, and each is an output.
     #[serde(default)]
@@ -116,11 +116,11 @@ pub struct L1Structure {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::controllers) struct Units {
-    /// Of the reference.
+    /// Units of the reference.
     r: Vec<String>,
-    /// Of the plant's state.
+    /// Units of the plant's state.
     x: Vec<String>,
-    /// Of the control.
+    /// Units of the control.
     u: Vec<String>,
 }
 
@@ -128,11 +128,11 @@ pub(in crate::controllers) struct Units {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::controllers) struct Quantities {
-    /// Of the outputs that follow the reference; those of the states that C takes, where none are given.
+    /// Quantities of the outputs that follow the reference; if not given, those of the states that C selects.
     r: Vec<String>,
-    /// Of the plant's state.
+    /// Quantities of the plant's state.
     x: Vec<String>,
-    /// Of the control.
+    /// Quantities of the control.
     u: Vec<String>,
 }
 
@@ -169,11 +169,11 @@ pub(in crate::controllers) struct Symbols {
     pub r: Vec<&'static str>,
     pub x: Vec<&'static str>,
     pub u: Vec<&'static str>,
-    /// Of what the law commands: the control, or accelerations.
+    /// Units of the command: the control, or accelerations.
     pub command: Vec<&'static str>,
-    /// Of the inertia that turns accelerations into the control.
+    /// Units of the inertia that turns accelerations into the control.
     pub inertia: Vec<&'static str>,
-    /// What the signals are, where that is told: of r, x and u.
+    /// Quantities of r, x and u, if given.
     pub of_r: Vec<String>,
     pub of_x: Vec<String>,
     pub of_u: Vec<String>,
@@ -209,15 +209,15 @@ impl PlantMatrices {
     }
 }
 
-/// What an L1 controller's estimates need, and a law without them doesn't: it may stand there, and what is assumed where
-/// it doesn't.
+/// Keys that only an L1 controller's estimates need, with defaults for a controller without estimates. They may be
+/// given there.
 const OF_ESTIMATES: [(&str, &str); 2] = [("regressor", "infinity_norm"), ("input_gain", "diagonal")];
 
 impl L1Structure {
-    /// That of a law without adaptation, from the same description.
+    /// The structure of a controller without adaptation, from the same description.
     ///
     /// # Errors
-    /// What is no such structure.
+    /// Descriptions that are no such structure.
     pub(in crate::controllers) fn without_estimates(mut table: toml::Table) -> Result<Self, toml::de::Error> {
         for (key, value) in OF_ESTIMATES {
             table.entry(key).or_insert_with(|| value.into());
@@ -380,7 +380,7 @@ pub(in crate::controllers) fn input_and_output(
     Ok((B, C))
 }
 
-/// True if the control enters the rate of an output at once, each output: where C B isn't 0.
+/// True for each output if the control has feedthrough to its rate: if C B isn't 0.
 #[allow(non_snake_case)]
 pub(in crate::controllers) fn enters_rates(B: &DMatrix<f64>, C: &DMatrix<f64>) -> Vec<bool> {
     let least = 1e-9 * C.amax() * B.amax();
@@ -417,8 +417,8 @@ pub(in crate::controllers) fn of_motion(control: &'static str) -> (&'static str,
     }
 }
 
-/// An orthonormal basis of what is orthogonal to the columns of B: the unit vectors as far as they lie there, in their
-/// order, so that directions that a state spans alone stay what they are.
+/// An orthonormal basis orthogonal to the columns of B. Unit vectors come first, in their order, so that directions of
+/// a single state are preserved.
 #[allow(non_snake_case)]
 pub(in crate::controllers) fn orthogonal_complement(B: &DMatrix<f64>) -> DMatrix<f64> {
     let n = B.nrows();

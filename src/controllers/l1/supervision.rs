@@ -1,4 +1,4 @@
-//! What an L1 law does at events and between steps: taking over from manual control, and warnings.
+//! Actions of an L1 controller at events and between steps: taking over from manual control, and warnings.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrixView;

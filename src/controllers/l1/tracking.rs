@@ -12,7 +12,7 @@ use super::law::Law;
 use crate::mathematics::limits::UNLIMITED;
 use crate::system::{DesignReport, Invalid, Number, Parameter, Point, Rates, Scalar, Values, VectorOf, Verdict};
 
-/// What `tracking_time` is where it follows from K.
+/// Value of `tracking_time` if it follows from K.
 pub(in crate::controllers) const BY_GAIN: f64 = -1.0;
 /// The least time that is given, s.
 const LEAST: f64 = 1e-9;
@@ -38,7 +38,7 @@ pub(in crate::controllers) fn rate<'a, S: Scalar>(time: S, row: impl Iterator<It
 }
 
 impl Law {
-    /// What the limits add to the control that a channel wants, in the units of u_ad: exactly 0 within them.
+    /// Difference that the limits make to the control wanted by a channel, in the units of u_ad: exactly 0 within them.
     fn added_by_limits<S: Scalar>(&self, channel: usize, v: &Values<S>) -> S {
         let inertia = self.design.inertia(channel, v);
         // As the control is computed, so that rounding leaves nothing.
@@ -52,9 +52,8 @@ impl Law {
         self.added_by_limits(channel, v) != 0.0
     }
 
-    /// 1/T_t of a channel. T_t is 1/K unless it is given, K being the sum of the magnitudes of its row, times the gain of
-    /// the integrator in D(s): the time in which the law would answer to what the limit does. A law with other gains in
-    /// force has other times.
+    /// 1/T_t of a channel. Unless given, T_t is 1/K, K being the sum of the magnitudes of its row, times the gain of
+    /// the integrator in D(s): the response time of the controller to the limit. Other gains in force give other times.
     pub(super) fn tracking_rate<S: Scalar>(&self, channel: usize, K: DMatrixView<S>, v: &Values<S>) -> S {
         // The first state is the integral, and its rest that of an output of 1.
         rate(v[self.design.tracking_time][channel], K.row(channel).iter(), self.filter_at_rest[0])
@@ -72,7 +71,7 @@ impl Law {
         }
     }
 
-    /// Of channels that have limits.
+    /// Reports the channels that have limits.
     pub(super) fn report_limits(&self, K: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
         let (u_min, u_max) = (&v[self.ports.u_min], &v[self.ports.u_max]);
         let together = self.ports.rotors.is_some_and(|rotors| rotors.is_on(v));

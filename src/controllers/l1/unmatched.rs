@@ -33,31 +33,31 @@ pub(super) struct Unmatched {
 /// D(s) K H_m⁻¹(s) H_um(s), as it shares the states of D(s).
 #[derive(Debug)]
 pub(in crate::controllers) struct Cancellation {
-    /// What K η_2 adds to the rates of the filter's states, in their order.
+    /// Gain from K η_2 to the rates of the filter's states, in their order.
     pub input: MatrixOf<Prepared>,
-    /// What it adds to u_ad at once, where the product with D(s) isn't strictly proper.
+    /// Feedthrough to u_ad, if the product with D(s) isn't strictly proper.
     pub direct: Option<MatrixOf<Prepared>>,
     /// The coefficients h_j of H_m⁻¹ H_um, as many as D(s) makes proper, and A_f^j B_f.
     polynomial: Vec<MatrixOf<Prepared>>,
     filter_inputs: Vec<DVector<f64>>,
-    /// What the last of them has at once in the output of D(s).
+    /// Feedthrough of the last of them to the output of D(s).
     filter_direct: f64,
     form: Form,
     pub zeros: Option<Zeros>,
 }
 
-/// What of H_m⁻¹ H_um any feedback of the state leaves as it is: it moves no zero and raises no degree.
+/// Properties of H_m⁻¹ H_um that state feedback doesn't change: it moves no zero and raises no degree.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::controllers) struct Form {
     /// The number of transmission zeros of H_m.
     pub zeros: usize,
-    /// True if its product with D(s) isn't strictly proper, and what the highest power of s has at once behind D(s).
+    /// True if its product with D(s) isn't strictly proper; feedthrough of the highest power of s behind D(s).
     pub is_direct: bool,
     filter_direct: f64,
 }
 
 impl Form {
-    /// Of the nominal dynamics.
+    /// The form of the nominal dynamics.
     ///
     /// # Errors
     /// [`Invalid`] when these aren't given, H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
@@ -107,7 +107,7 @@ pub(in crate::controllers) struct Zeros {
 }
 
 impl Unmatched {
-    /// Where there is an unmatched direction.
+    /// Declares the estimates of unmatched directions, if there are any.
     ///
     /// # Errors
     /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.
@@ -150,7 +150,7 @@ impl Unmatched {
         v[self.theta_hat][direction] * norm + v[self.sigma_hat][direction]
     }
 
-    /// What u_ad of a channel has at once of η̂_2.
+    /// Feedthrough of η̂_2 to u_ad of a channel.
     pub fn at_once<S: Scalar>(&self, channel: usize, v: &Values<S>, eta_hat: impl Fn(usize) -> S) -> S {
         self.cancellation.direct.map_or(S::from(0.0), |direct| {
             let row = v.matrix(direct);
@@ -167,7 +167,7 @@ impl Unmatched {
         }
     }
 
-    /// What the filter's states f get of η̂_2, beside what drives them anyway.
+    /// Adds the effect of η̂_2 to the rates of the filter's states f.
     pub fn drive<S: Scalar>(&self, filter: &Filter, f: VectorOf<State>, v: &Values<S>, dx: &mut Rates<S>) {
         let (eta_hat, input) = (&v[self.eta_hat], v.matrix(self.cancellation.input));
         for (k, rate) in dx[f].iter_mut().enumerate() {
@@ -190,7 +190,7 @@ impl Unmatched {
 }
 
 impl Cancellation {
-    /// Of a plant with an unmatched direction.
+    /// Declares the cancellation for a plant with an unmatched direction.
     ///
     /// # Errors
     /// [`Invalid`] when H_m can't be inverted, its inverse is unstable, or its product with D(s) improper.

@@ -1,5 +1,5 @@
-//! What a designer should know of a limit controller: desired dynamics, the filter's loop, what noise does, the delay margin,
-//! and the limits.
+//! Report of a limit controller: desired dynamics, the filter's loop, the effect of noise, the delay margin, and the
+//! limits.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;
@@ -62,7 +62,7 @@ impl L1Limit {
         report.tell(&v.name(self.K_g), &v.matrix(self.K_g).into_owned(), "", "gain of the reference");
     }
 
-    /// The law with the nominal input gain.
+    /// The controller with the nominal input gain.
     fn nominal_design(&self, v: &Values<f64>) -> L1Design {
         let m = self.u.len();
         let nominal = DMatrix::identity(m, m);
@@ -91,7 +91,7 @@ impl L1Limit {
         }
     }
 
-    /// What of the state shows in the control at once: noise does with it.
+    /// Feedthrough of the state to the control, which noise takes too.
     fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         let L = v.matrix(self.L).into_owned();
         let gain = DMatrix::from_fn(self.u.len(), self.x.len(), |i, j| {
@@ -104,7 +104,7 @@ impl L1Limit {
         report.tell("gain at high frequencies", &gain, "", &note);
     }
 
-    /// Of channels that have limits.
+    /// Reports the channels that have limits.
     fn tell_limits(&self, v: &Values<f64>, report: &mut DesignReport) {
         let is_limited = |i: &usize| v[self.u_min][*i] > -UNLIMITED || v[self.u_max][*i] < UNLIMITED;
         for i in (0..self.u.len()).filter(is_limited) {

@@ -19,7 +19,7 @@ pub(super) fn require_moving(angles: &[Angle]) -> Result<(), Invalid> {
 }
 
 impl L1Limit {
-    /// With a watch on angles that aren't declared.
+    /// Watches angles that aren't declared.
     pub(super) fn watching(self, units: &[&'static str], angles: &Angles, d: &mut Declaration) -> Self {
         let jumps = Jumps::declare(d, self.x, units, angles);
         L1Limit { jumps, ..self }

@@ -1,4 +1,4 @@
-//! What is kept within the funnel, by the relative degree: the state against a reference model, or the outputs against the
+//! Error within the funnel, by the relative degree: the state against a reference model, or the outputs against the
 //! reference.
 #![allow(non_snake_case)] // matrices have the names of the field
 
@@ -17,7 +17,7 @@ use crate::system::{
 /// The least singular value of (C, C A), in parts of the largest one.
 const LEAST: f64 = 1e-12;
 
-/// How the errors are made, and what the L1 law is to follow.
+/// Definition of the errors, and the goal of the L1 law.
 #[derive(Debug)]
 pub(super) enum Order {
     /// e = x − x_m with the reference model x_m' = A_m x_m + B K_g r.
@@ -108,7 +108,7 @@ impl Order {
         Ok(())
     }
 
-    /// A reference model starts where it is said.
+    /// Starts a reference model at its start value.
     pub fn initialise<S: Scalar>(&self, law: &Law, v: &mut Point<S>) {
         let Order::First { x_m0, x_m, .. } = *self else { return };
         for k in 0..x_m.len() {
@@ -117,7 +117,7 @@ impl Order {
         }
     }
 
-    /// A reference model stands at the measured state.
+    /// Sets a reference model to the measured state.
     pub fn follow<S: Scalar>(&self, law: &Law, v: &mut Point<S>) {
         let Order::First { x_m, .. } = *self else { return };
         for k in 0..x_m.len() {
@@ -153,7 +153,7 @@ impl Order {
         }
     }
 
-    /// What the barrier's gain is multiplied by in the rate at which it brings an error, or its rate, back: d(R ε)/de, R².
+    /// Factor of the barrier's gain in the rate at which it brings an error, or its rate, back: d(R ε)/de, R².
     pub fn slope<S: Scalar>(&self, inside: &Inside<S>) -> S {
         let Inside { performance, bounds, z, epsilon, R, .. } = *inside;
         match self {
@@ -162,7 +162,7 @@ impl Order {
         }
     }
 
-    /// What the L1 law is to follow.
+    /// Goal of the L1 law.
     pub fn goal<'a, S: Scalar>(
         &self,
         law: &Law,

@@ -1,4 +1,4 @@
-//! What a designer should know of the barrier: its funnel, how stiff it is, and which step it bears.
+//! Report of the barrier: its funnel, its stiffness, and its longest stable step.
 #![allow(non_snake_case)] // R is the thesis' name
 
 use nalgebra::DMatrix;
@@ -11,7 +11,7 @@ use crate::mathematics::performance::{Bounds, Performance};
 use crate::report::{DIGITS, at_most, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
-/// Places of the error in parts of its bound at which the stiffness is told.
+/// Errors, in parts of the bound, at which the stiffness is reported.
 const PLACES: [f64; 3] = [0.0, 0.57, 0.9];
 
 impl L1Ppf {
@@ -53,7 +53,7 @@ impl L1Ppf {
         }
     }
 
-    /// Of a unit that is stepped by itself.
+    /// Reports the step of an FMU that is stepped by itself.
     fn tell_step(&self, stiffness: f64, v: &Values<f64>, report: &mut DesignReport) {
         let name = "longest step in the middle";
         if stiffness == 0.0 {

@@ -6,8 +6,8 @@
 //!
 //! F(ε) = ρ S(ε) + h K_ε R(ε) ε − e = 0, R = 1/(ρ S'(ε)).
 //!
-//! F increases, from −∞ to ∞ where K_ε > 0, so it has one root. What the barrier asks for, −K_ε R(ε) ε, is held until the
-//! next sample.
+//! F increases, from −∞ to ∞ where K_ε > 0, so it has one root. The barrier's output, −K_ε R(ε) ε, is constant until
+//! the next sample.
 #![allow(non_snake_case)] // R is the thesis' name
 
 use super::L1Ppf;
@@ -25,7 +25,7 @@ pub(super) struct Samples {
     pub held: VectorOf<Discrete>,
 }
 
-/// What F of a channel is made of.
+/// Terms of F of a channel.
 #[derive(Debug, Clone, Copy)]
 struct Ahead<S> {
     h: S,
@@ -36,7 +36,7 @@ struct Ahead<S> {
 }
 
 impl Samples {
-    /// Of m controls.
+    /// Declares the samples of m controls.
     pub fn declare(d: &mut Declaration, m: usize) -> Self {
         Samples {
             prediction_steps: d.parameter(prediction_steps()),
@@ -124,8 +124,8 @@ impl L1Ppf {
         }
     }
 
-    /// At a communication point, after a step: takes the first step's length where it is to be the sample time, and tells of
-    /// steps that are longer than that.
+    /// Takes the first step's length at a communication point if it is to be the sample time, and warns of steps that
+    /// are longer than that.
     pub(super) fn keep_to_communication_points<S: Scalar>(
         &self,
         samples: &Samples,
@@ -140,7 +140,7 @@ impl L1Ppf {
         samples.sampling.keep_to_communication_points((t, step), first, |_| {}, v);
     }
 
-    /// Tells of a communication step that is longer than the sample time.
+    /// Warns of a communication step that is longer than the sample time.
     pub(super) fn judge_sampling<S: Scalar>(&self, samples: &Samples, step: S, v: &mut Point<S>) {
         let Sampling { sample_time, clock } = &samples.sampling;
         let is_overrun = self.law.is_active(&v.values()) & clock.is_overrun(step, &v.values());

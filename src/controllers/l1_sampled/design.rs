@@ -14,7 +14,7 @@ use crate::system::{Invalid, Number, Point, Values};
 
 /// Entries of a gain that are smaller, in parts of the largest, are zeros.
 const ROUNDING: f64 = 1e-14;
-/// How far the nominal plant may move in a sample time, as the least norm of A T in any units.
+/// Most motion of the nominal plant in a sample time, as the least norm of A T in any units.
 const MOST_MOTION: f64 = 50.0;
 
 impl L1Sampled {
@@ -76,8 +76,8 @@ impl L1Sampled {
         self.prepare_predictor(A_m, &W_0, &directions, v)
     }
 
-    /// The dynamics for which unmatched uncertainty is cancelled, with their name: the desired ones; those with the baseline as
-    /// it is held, A − B K_d, where there is one, so that what is constant is cancelled whatever the sample time.
+    /// The dynamics for which unmatched uncertainty is cancelled, with their name: the desired ones, or A − B K_d with
+    /// the sampled control of a baseline, to cancel constant uncertainty at any sample time.
     pub(super) fn filtered_dynamics(&self, A_m: &DMatrix<f64>, v: &Values<f64>) -> (String, DMatrix<f64>) {
         let name = match self.dynamics.gain() {
             Some(_) => format!("A - B {}", v.name(self.K_d)),
@@ -143,7 +143,7 @@ impl L1Sampled {
     }
 }
 
-/// e^(A t), and ∫ e^(A s) ds B from 0 to t: what an interval does with an input that is held.
+/// e^(A t), and ∫ e^(A s) ds B from 0 to t: the effect of an interval with a constant input.
 pub(super) fn hold(A: &DMatrix<f64>, B: &DMatrix<f64>, t: f64) -> (DMatrix<f64>, DMatrix<f64>) {
     let Some((balanced, scales)) = far_from_balanced(A) else { return hold_as_given(A, B, t) };
     let (rows, n) = (B.nrows(), A.nrows());

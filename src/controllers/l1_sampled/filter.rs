@@ -1,5 +1,5 @@
-//! The filter of a sampled L1 law: D(s) K in a closed loop with the nominal input gain, and behind it, where unmatched
-//! uncertainty is cancelled, D(s) K H_m⁻¹(s) H_um(s); all in a sample time, with what drives it held.
+//! The filter of a sampled L1 law: D(s) K in a closed loop with the nominal input gain, and behind it, if unmatched
+//! uncertainty is cancelled, D(s) K H_m⁻¹(s) H_um(s); discretised with a zero-order hold.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::{DMatrix, DVector};
@@ -17,10 +17,10 @@ use crate::system::{
     matrix, vector,
 };
 
-/// How far the filter may move in a sample time, as the norm of its matrix times T.
+/// Most motion of the filter in a sample time, as the norm of its matrix times T.
 const MOST_MOTION: f64 = 1e5;
 
-/// How the filter is realised.
+/// Realisation of the filter.
 #[derive(Debug)]
 pub(super) enum SampledFilter {
     /// D(s) = 1/s; ζ is its state.
@@ -44,7 +44,7 @@ pub(super) struct General {
     form: Option<Form>,
     F: MatrixOf<Prepared>,
     G: MatrixOf<Prepared>,
-    /// D_2, where σ̂_2 shows in ζ at once.
+    /// D_2, if σ̂_2 has feedthrough to ζ.
     direct: Option<MatrixOf<Prepared>>,
     /// States of D(s), channel by channel; then those of H_m⁻¹ H_um.
     q: VectorOf<Discrete>,
@@ -93,7 +93,7 @@ impl SampledFilter {
 }
 
 impl Continuous {
-    /// Of the states of D(s) of all channels alone, and of those of H_m⁻¹ H_um, which nothing of these drives.
+    /// The states of D(s) of all channels only, or those of H_m⁻¹ H_um, which nothing of these drives.
     fn part(&self, first: usize, len: usize) -> DMatrix<f64> {
         self.A.view((first, first), (len, len)).into_owned()
     }
@@ -214,7 +214,7 @@ impl General {
         Ok(())
     }
 
-    /// What a sample does: F, G and C, D_2.
+    /// Matrices of a sample: F, G and C, D_2.
     pub fn matrices(&self, v: &Values<f64>) -> [DMatrix<f64>; 4] {
         let (m, columns) = (self.K.shape().0, self.G.shape().1);
         let mut C = DMatrix::zeros(m, self.q.len());
@@ -224,7 +224,7 @@ impl General {
         [v.matrix(self.F).into_owned(), v.matrix(self.G).into_owned(), C, direct]
     }
 
-    /// D_2, where σ̂_2 shows in ζ at once.
+    /// D_2, if σ̂_2 has feedthrough to ζ.
     pub fn direct(&self, v: &Values<f64>) -> Option<DMatrix<f64>> {
         self.direct.map(|direct| v.matrix(direct).into_owned())
     }
@@ -272,13 +272,13 @@ impl General {
         }
     }
 
-    /// What of σ̂_2 shows in ζ at once.
+    /// Feedthrough of σ̂_2 to ζ.
     fn at_once<S: Scalar>(&self, law: &L1Sampled, channel: usize, v: &Values<S>) -> S {
         let m = self.K.shape().0;
         self.direct.map_or(S::from(0.0), |direct| product(direct, channel, |j| law.sigma(m + j, v), v))
     }
 
-    /// Rests with this ζ: D(s) of each channel; what follows from σ̂_2 alone goes on.
+    /// Rests with this ζ: D(s) of each channel; states that depend on σ̂_2 only continue.
     pub fn follow<S: Scalar>(&self, law: &L1Sampled, zeta: VectorOf<Discrete>, v: &mut Point<S>) {
         self.move_states(law, self.of_channels()..self.q.len(), |_, _| S::from(0.0), v);
         let order = self.filter.order();

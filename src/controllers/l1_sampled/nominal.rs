@@ -1,4 +1,4 @@
-//! The loop with the nominal plant, sample by sample: its poles, and how much more dead time and input gain it bears.
+//! The sampled loop with the nominal plant: its poles, its delay margin and its range of input gains.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::{Complex, DMatrix, DVector};
@@ -6,7 +6,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 use super::design::hold;
 use crate::eigenvalues;
 
-/// What the estimate is made of.
+/// Equations of the estimate.
 #[derive(Debug)]
 pub(super) enum Estimation {
     /// σ̂ = L⁻¹ (x − A_d x − B_d u)
@@ -70,7 +70,7 @@ pub(super) struct Nominal {
     pub delay: usize,
 }
 
-/// What a sample leaves for the next one.
+/// State after a sample.
 struct Left {
     x: DVector<f64>,
     x_before: DVector<f64>,
@@ -83,8 +83,8 @@ struct Left {
 }
 
 impl Nominal {
-    /// How the loop moves in a sample, with so many times the nominal input gain, and so much more dead time than it is
-    /// designed for, s.
+    /// Matrix of the loop over a sample, with so many times the nominal input gain, and so much more dead time than it
+    /// is designed for, s.
     pub fn matrix(&self, gain: f64, late: f64) -> DMatrix<f64> {
         let samples = (late / self.T).floor();
         let part = late - samples * self.T;
@@ -159,7 +159,7 @@ impl Nominal {
         self.poles(gain, late).is_some_and(|poles| poles.first().is_none_or(|pole| pole.norm() < 1.0))
     }
 
-    /// How much more dead time than it is designed for it bears, s; nothing where it bears so many samples of it.
+    /// Delay margin in addition to the dead time of the design, s; none if it is at least so many samples.
     pub fn delay_margin(&self, most: usize) -> Option<f64> {
         let is_stable = |late: f64| self.is_stable(1.0, late);
         let tried = (0..).map(|k| 0.125 * 1.15_f64.powi(k)).take_while(|&samples| samples < most as f64);
@@ -183,7 +183,7 @@ fn pack(left: &Left) -> DVector<f64> {
     DVector::from_vec(values)
 }
 
-/// Where a loop that is stable at first stops being so, of values that are tried in turn.
+/// First value, of those that are tried in turn, at which a loop that is stable at first stops being so.
 fn edge(first: f64, tried: impl Iterator<Item = f64>, is_stable: impl Fn(f64) -> bool) -> Option<f64> {
     const HALVINGS: usize = 12;
     let mut good = first;

@@ -1,5 +1,5 @@
-//! What a designer should know of a sampled L1 controller: desired dynamics, the sampled loop with the nominal plant, and what
-//! more dead time and other input gain it bears.
+//! Report of a sampled L1 controller: desired dynamics, the sampled loop with the nominal plant, and its margins of
+//! dead time and input gain.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::{Complex, DMatrix, DVector};
@@ -16,7 +16,7 @@ use crate::system::{DesignReport, Values, Verdict};
 const MOST_STATES: usize = 30;
 /// The most states of its filters.
 const MOST_FILTER_STATES: usize = 60;
-/// How many samples of more dead time are tried.
+/// Most samples of additional dead time that are tried.
 const MOST_LATE: usize = 40;
 /// Magnitude below which a pole has settled within a sample: several that are 0 are found only so well.
 const SETTLED: f64 = 1e-3;
@@ -150,7 +150,7 @@ impl L1Sampled {
         }
     }
 
-    /// What of noise in the state shows in the control.
+    /// Gain from noise in the state to the control.
     fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         report.section("Noise");
         let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();

@@ -1,4 +1,4 @@
-//! What a sample computes: the estimate of the last interval, the state where the control will act, the filter, the control.
+//! Computations of a sample: the estimate of the last interval, the predicted state, the filter, the control.
 
 use super::filter::SampledFilter;
 use super::{L1Sampled, MOST_DELAY};
@@ -6,7 +6,7 @@ use crate::mathematics::limits::within;
 use crate::system::{Class, MatrixOf, Point, Scalar, Values};
 
 impl L1Sampled {
-    /// Begins at the start: the law's control, or the manual one where it is in force or the start is bumpless.
+    /// Starts with the computed control, or with the manual one if it is in force or the start is bumpless.
     pub(super) fn begin<S: Scalar>(&self, by_hand: S::Flag, v: &mut Point<S>) {
         let none = S::from(0.0);
         v[self.zeta].fill(none);
@@ -191,7 +191,7 @@ impl L1Sampled {
         }
     }
 
-    /// ζ := W_0 u + K_d x_p: the law's control is the one that is held.
+    /// ζ := W_0 u + K_d x_p: the computed control is the present one.
     fn follow<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.u.len() {
             let values = &v.values();

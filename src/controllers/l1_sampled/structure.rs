@@ -7,14 +7,14 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::controllers::l1::{Commands, L1Structure, PlantMatrices};
 use crate::system::Invalid;
 
-/// How what is unknown is found from the measured state.
+/// Method that estimates the unknown part from the measured state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimate {
-    /// What the nominal plant lacked in the last interval, exactly.
+    /// Exact deviation from the nominal plant in the last interval.
     #[default]
     Exact,
-    /// By the error of a predictor, as published (Hovakimyan, Cao 2010).
+    /// Error of a predictor, as published (Hovakimyan, Cao 2010).
     Published,
 }
 

@@ -7,7 +7,7 @@ use crate::controllers::template::{stop_time, write_nominal};
 use crate::error::Invalid;
 use crate::template::{Begun, Request, all, diagonal, number, write_limits};
 
-/// The design of an L1 controller for the plant, at its step, for a master that steps all at once.
+/// The design of an L1 controller for the plant, at its step, for a master that steps all FMUs simultaneously.
 pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (_, m, _) = plant.sizes();

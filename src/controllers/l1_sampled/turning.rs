@@ -8,7 +8,7 @@ use crate::controllers::origins::Angle;
 use crate::system::{Declaration, Point, Scalar, Values};
 
 impl L1Sampled {
-    /// With a watch on angles that aren't declared.
+    /// Watches angles that aren't declared.
     pub(super) fn watching(self, units: &[&'static str], angles: &Angles, d: &mut Declaration) -> Self {
         let jumps = Jumps::declare(d, self.x, units, angles);
         L1Sampled { jumps, ..self }

@@ -1,5 +1,5 @@
-//! What a designer should know of an active disturbance rejection controller: its bandwidths, the delay that its nominal loop
-//! stands, and the communication step.
+//! Report of an active disturbance rejection controller: its bandwidths, the delay margin of its nominal loop, and the
+//! communication step.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use std::f64::consts::PI;
@@ -18,7 +18,7 @@ use crate::design::search::Law as _;
 use crate::report::{DIGITS, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
-/// How many times faster than the loop the observer should be.
+/// Ratio of the observer's bandwidth to the loop's that should be reached.
 const APART: f64 = 3.0;
 /// ω_o H up to which a step is short for an observer.
 const SHORT: f64 = 0.5;

@@ -43,7 +43,7 @@ pub use structure::PlainMracStructure;
 pub struct Mrac {
     plant: PlantMatrices,
     regressor: Regressor,
-    /// By which x is multiplied in φ(x) = x; empty where it isn't.
+    /// Factors of x in φ(x) = x; empty if there are none.
     regressor_gains: Vec<f64>,
     design: Design,
     law: ChoiceOf<Parameter, Evaluation>,

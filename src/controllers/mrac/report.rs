@@ -10,7 +10,7 @@ use crate::eigenvalues;
 use crate::report::{DIGITS, at_most, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
-/// How many times as fast as the desired dynamics the adaptation may turn without a warning.
+/// Ratio of the adaptation's frequency to the desired dynamics up to which there is no warning.
 const FAST: f64 = 30.0;
 
 impl Mrac {

@@ -22,7 +22,7 @@ pub(super) struct Samples {
     /// u_b and φ(x) as they were last looked at.
     u_b: VectorOf<Discrete>,
     phi: VectorOf<Discrete>,
-    /// Where the model rests, how far it is from there, and the integral of e.
+    /// State at which the model rests, its distance from there, and the integral of e.
     rest: VectorOf<Discrete>,
     away: VectorOf<Discrete>,
     integral: VectorOf<Discrete>,

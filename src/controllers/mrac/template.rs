@@ -18,7 +18,7 @@ use crate::template::{
     write_magnitudes,
 };
 
-/// How many times as fast as the desired dynamics the adaptation turns, with usual signals.
+/// Ratio of the adaptation's frequency to the desired dynamics, with usual signals.
 const FASTER: f64 = 10.0;
 /// Steps of that oscillation.
 const STEPS: f64 = 0.1;

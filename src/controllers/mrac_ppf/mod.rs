@@ -53,9 +53,9 @@ pub struct MracStructure {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Quantities {
-    /// Of the plant's state, of the reference and of its model.
+    /// Quantities of the plant's state, of the reference and of its model.
     x: Vec<String>,
-    /// Of the control.
+    /// Quantities of the control.
     u: Vec<String>,
 }
 
@@ -63,9 +63,9 @@ struct Quantities {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 struct Symbols {
-    /// Of the plant's state.
+    /// Units of the plant's state.
     x: Vec<String>,
-    /// Of the control.
+    /// Units of the control.
     u: Vec<String>,
 }
 
@@ -98,14 +98,14 @@ pub struct MracPpf {
     /// Integral part of σ̂, a column a channel.
     integral: MatrixOf<State>,
     sigma_hat: MatrixOf<Signal>,
-    /// u before its limits, or as it is held.
+    /// u before its limits, or its last sample.
     unlimited: VectorOf<Signal>,
     u: VectorOf<Signal>,
     /// e = x − x_m
     e: DifferenceOf,
     /// True if the unit is stepped by a master of co-simulation.
     is_stepped: BooleanOf<Memory>,
-    /// When the sampled law is evaluated, and what it holds between samples.
+    /// Clock of the sampled controller, and its values between samples.
     samples: Samples,
     moves: Moves,
     step_too_long: BooleanOf<Discrete>,
@@ -116,7 +116,7 @@ pub struct MracPpf {
     jumps: Option<Jumps>,
 }
 
-/// How small e is where the law works, against x and x_m.
+/// Nominal magnitude of e in normal operation, relative to x and x_m.
 const ERROR_NOMINAL: f64 = 1e-9;
 
 impl System for MracPpf {
@@ -351,9 +351,9 @@ impl MracPpf {
         v[self.alpha_bar][i] * (epsilon / v[self.switching_width]).tanh() + v[self.K_epsilon][i] * epsilon
     }
 
-    /// s, the fastest rate at which an error decays under the continuous law where the plant's input gain is 1. Where its
-    /// input is held, the loop of that channel turns into an oscillation when the step is beyond 1/s to 2/s, by the order in
-    /// which units are stepped.
+    /// Fastest decay rate of an error under the continuous controller, in 1/s, for a plant with input gain 1. With a
+    /// zero-order hold, the loop of that channel oscillates if the step exceeds 1/s to 2/s, depending on the order in
+    /// which components are stepped.
     fn decay<S: Scalar>(&self, v: &Values<S>) -> S {
         let psi = v[self.psi].iter().fold(S::from(0.0), |sum, &psi| sum + psi * psi);
         let rate = (0..self.x.len()).map(|i| {

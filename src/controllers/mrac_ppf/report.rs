@@ -55,8 +55,8 @@ impl MracPpf {
         }
     }
 
-    /// How fast noise of x drives an element of θ̂ of the sampled law, in parts of its variance: ε and the regressor have the
-    /// same noise. Where the funnel is narrow, and for the small ε of an error that is followed.
+    /// Rate at which noise of x drives an element of θ̂ of the sampled controller, in parts of its variance: ε and the
+    /// regressor have the same noise. Valid for a narrow funnel and a small ε.
     fn drift(&self, i: usize, step: f64, v: &Values<f64>) -> f64 {
         let asked = v[self.samples.sampling.sample_time];
         let period = if asked > 0.0 { asked } else { step };

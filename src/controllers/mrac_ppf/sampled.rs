@@ -1,8 +1,8 @@
-//! The law sampled once a sample time: by the implicit Euler method, so that the stiff dynamics that it gives the
-//! error are followed whatever the step is.
+//! The controller sampled once a sample time by the implicit Euler method, so that the stiff error dynamics are stable
+//! at any step.
 //!
-//! With the nominal model e⁺ = e + h (A x + B u + θ̂ᵀx + Iᵀψ − D) over the time h that the law looks ahead, D being the mean
-//! rate of x_m in it, the law and the adaptation at its end leave one equation a channel, for ε at the end:
+//! The nominal model is e⁺ = e + h (A x + B u + θ̂ᵀx + Iᵀψ − D) over the prediction time h, D being the mean rate of
+//! x_m in it. With control and adaptation at its end, one equation a channel remains, for ε at the end:
 //!
 //! F(ε) = (ρ⁺ − h ρ'⁺) S(ε) + h ((σ̂(ε) − I)ᵀψ + ᾱ tanh(ε/φ) + K_ε ε) − e = 0,
 //! σ̂(ε) = (I + γ_2 (β + h R) ε ψ)/(1 + γ_2 υ (β + h R) |ε|), R = 1/(ρ⁺ S'(ε)).
@@ -15,7 +15,7 @@ use crate::mathematics::performance::{Bounds, Performance, Transformed};
 use crate::mathematics::root;
 use crate::system::{Point, Scalar, Values};
 
-/// What F of a channel is made of.
+/// Terms of F of a channel.
 #[derive(Debug, Clone, Copy)]
 struct Ahead<S> {
     h: S,
@@ -48,7 +48,7 @@ impl MracPpf {
         let h = period * S::from_integer(v.get(self.prediction_steps));
         self.samples.advance_model((self.r, &self.angles), self.x_m, v);
         self.hold(v, |i, v| {
-            // The model moves alike as long as the reference is held: its mean rate is taken from the time that ended.
+            // The model moves alike as long as the reference is constant: its mean rate is that of the last period.
             let mean_rate = (v[self.x_m][i] - v[self.samples.x_m_before][i]) / period;
             let values = &v.values();
             let ahead = self.ahead(i, before, h, values);
@@ -98,7 +98,7 @@ impl MracPpf {
         (0..psi.len()).map(move |j| (v[psi.at(j)], v[integral.at(j, i)]))
     }
 
-    /// The part of B u that is adapted, at the end of the time that the law looks ahead.
+    /// The part of B u that is adapted, at the end of the prediction time.
     fn adapted<S: Scalar>(&self, i: usize, ahead: &Ahead<S>, epsilon: S, v: &Values<S>) -> S {
         let at = ahead.inverse(epsilon);
         let sigma = self.elements(i, v).fold(S::from(0.0), |sum, element| {

@@ -1,4 +1,4 @@
-//! When the sampled law is evaluated, and what it holds from sample to sample.
+//! Clock of the sampled controller, and its values between samples.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::MracPpf;
@@ -9,7 +9,7 @@ use crate::system::{
     Declaration, Discrete, Input, MatrixOf, Parameter, Point, Scalar, State, Values, VectorOf, larger, vector,
 };
 
-/// The clock of the sampled law, and what is held from sample to sample.
+/// The clock of the sampled controller, and values that are constant between samples.
 #[derive(Debug)]
 pub(super) struct Samples {
     pub sampling: Sampling,
@@ -22,7 +22,7 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Of n states and m controls.
+    /// Declares the samples of n states and m controls.
     pub fn declare(d: &mut Declaration, n: usize, m: usize) -> Self {
         let hidden = |name: &str, size: usize| vector(name, size, "").hidden();
         Samples {
@@ -44,7 +44,7 @@ impl Samples {
         });
     }
 
-    /// x_m as it is a sample time after the latest sample, with the reference held: r + e^(A_m T) (x_m − r).
+    /// x_m one sample time after the latest sample, for a constant reference: r + e^(A_m T) (x_m − r).
     pub fn advance_model<S: Scalar>(
         &self,
         (r, angles): (VectorOf<Input>, &Angles),
@@ -70,8 +70,8 @@ impl MracPpf {
         v.when(is_sampled, |v| samples.discretise(self.A_m, v));
     }
 
-    /// At a communication point, after a step: takes the first step's length where it is to be the sample time, and tells
-    /// of steps that are longer than that.
+    /// Takes the first step's length at a communication point if it is to be the sample time, and warns of steps that
+    /// are longer than that.
     pub(super) fn keep_to_communication_points<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
         let samples = &self.samples;
         let first = |v: &mut Point<S>| {
@@ -83,7 +83,7 @@ impl MracPpf {
         self.warn_of_long_sample(step, v);
     }
 
-    /// Tells of a step that is longer than the sample time, and of a control that moves far from sample to sample.
+    /// Warns of a step that is longer than the sample time, and of a control that moves far from sample to sample.
     fn warn_of_long_sample<S: Scalar>(&self, step: S, v: &mut Point<S>) {
         let Sampling { sample_time, clock } = &self.samples.sampling;
         let period = v[clock.period];

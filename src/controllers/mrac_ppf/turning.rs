@@ -1,6 +1,6 @@
-//! Angles in a robust MRAC: ψ and its reference are read nearest to the reference model's angle, e = wrap(ψ − x_m,ψ). The law depends
-//! on x_m by differences only. What grows with turns is the regressor x of θ̂: it counts ψ from an origin, which moves to the
-//! reference, and I takes over what θ̂ᵀx loses.
+//! Angles in a robust MRAC. ψ and its reference are read nearest to the reference model's angle, e = wrap(ψ − x_m,ψ).
+//! The controller uses only differences from x_m. The regressor x of θ̂ grows with turns: it counts ψ from an origin,
+//! which moves to the reference, and I takes over the loss of θ̂ᵀx.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;

@@ -1,4 +1,4 @@
-//! What a designer should know of an MRAC for unmatched uncertainty.
+//! Report of an MRAC for unmatched uncertainty.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;
@@ -8,7 +8,7 @@ use super::structure::Driven;
 use crate::report::{DIGITS, at_most, no_more, number};
 use crate::system::{DesignReport, Values, Verdict};
 
-/// By how much faster than the adaptation of an unmatched row the barrier of the state that drives it must be.
+/// Least ratio of the speed of a driving state's barrier to the adaptation of its unmatched row.
 const FASTER: f64 = 3.0;
 
 impl MracPpfUnmatched {
@@ -35,7 +35,7 @@ impl MracPpfUnmatched {
         }
     }
 
-    /// Where noise of x takes θ̂.
+    /// Drift of θ̂ due to noise of x.
     fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         let [bound, leakage] = [self.theta_bound, self.theta_leakage].map(|it| v.name(it));
         let leaks = &v[self.theta_leakage];

@@ -20,7 +20,7 @@ pub struct UnmatchedStructure {
     A: Vec<Vec<f64>>,
     /// Input matrix, n rows of m numbers. Rows of zeros are the unmatched ones; the m others must have an inverse.
     B: Vec<Vec<f64>>,
-    /// What follows the reference, m rows of n numbers.
+    /// Matrix of the outputs that follow the reference, m rows of n numbers.
     C: Vec<Vec<f64>>,
     /// Unmatched rows: the numbers of each and of the state that drives it, the derivative of which the controls reach.
     #[serde(default)]

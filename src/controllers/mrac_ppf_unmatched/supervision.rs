@@ -1,4 +1,4 @@
-//! What is looked at after each step: estimates at their bounds, controls at their limits, and whether steps are too long.
+//! Checks after each step: estimates at their bounds, controls at their limits, and the length of the step.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::MracPpfUnmatched;
@@ -18,9 +18,9 @@ impl MracPpfUnmatched {
         });
     }
 
-    /// s, the fastest rate at which a barrier brings an error back where its funnel is narrowest, and the input gain is the
-    /// nominal one. A held control turns that into an oscillation when the step is beyond 1/s to 2/s, by the order in which
-    /// units are stepped.
+    /// Fastest rate, in 1/s, at which a barrier brings an error back, at the narrowest funnel and the nominal input
+    /// gain. With a zero-order hold, the loop oscillates if the step exceeds 1/s to 2/s, depending on the order in
+    /// which components are stepped.
     pub(super) fn stiffness<S: Scalar>(&self, v: &Values<S>) -> S {
         (0..self.x.len()).map(|i| self.barrier_rate(i, v)).fold(S::from(0.0), larger)
     }

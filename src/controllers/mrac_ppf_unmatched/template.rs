@@ -23,7 +23,7 @@ const BARRIERS: [f64; 3] = [30.0, 10.0, 30.0];
 const WIDTHS: [f64; 3] = [1.0, 0.1, 0.1];
 /// Bounds of the estimates of an unmatched row, in parts of what drives it: below 1, so that it drives it the same way.
 const OF_DRIVE: f64 = 0.5;
-/// How much slower than the barrier that answers it an adaptation is.
+/// Ratio of a barrier's speed to the adaptation that it answers.
 const SLOWER: f64 = 30.0;
 /// Leakage of theta_hat for states of 1 and a bandwidth of 1 rad/s.
 const LEAKAGE: f64 = 0.05;
@@ -116,7 +116,7 @@ fn exact(A_m: &DMatrix<f64>, A: &DMatrix<f64>, driven: &[(usize, usize)]) -> DMa
     exact
 }
 
-/// What each row is given.
+/// Numbers of each row.
 struct Numbers {
     start: Vec<f64>,
     end: Vec<f64>,

@@ -32,7 +32,7 @@ impl UnmatchedStructure {
 }
 
 impl MracPpfUnmatched {
-    /// With origins of its angles, and a watch on those that aren't declared.
+    /// Declares origins of its angles, and watches those that aren't declared.
     pub(super) fn turning(
         self,
         (turning, angles): (Vec<Angle>, Angles),

@@ -46,7 +46,7 @@ impl InputGainNetwork {
         }
     }
 
-    /// Tells whether the network can act.
+    /// Reports if the network can act.
     pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         let g = v[self.g_network_initial];
         if g != 0.0 {
@@ -69,7 +69,7 @@ impl InputGainNetwork {
         inputs[..len].copy_from_slice(&v[x]);
         network.outputs(&inputs[..len], &mut v[self.theta_G0]);
         let squared = sum(&v[self.theta_G0], &v[self.theta_G0]);
-        // Where every neuron is off there is nothing to estimate with.
+        // If every neuron is 0, the network can't estimate.
         let factor = S::branch(squared.above(zero), || g / squared, || zero);
         v[self.theta_G0].iter_mut().for_each(|Z| *Z *= factor);
         let neurons = network.neurons();

@@ -30,13 +30,13 @@ use order::Order;
 /// The funnel of chapter 5: rho_0, rho_inf, decay_rate.
 const FUNNEL: [f64; 3] = [1.1, 0.005, 2.0];
 
-/// The description of the law's structure.
+/// The description of the controller's structure.
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeuroPpfStructure {
     /// After how many derivatives of a tracked variable the control shows: 1 or 2.
     relative_degree: usize,
-    /// How many tracked variables, each with a control of its own.
+    /// Number of tracked variables, each with a control of its own.
     channels: usize,
     /// True if the input gain is estimated, too.
     #[serde(default = "yes")]
@@ -59,9 +59,9 @@ pub struct NeuroPpfStructure {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Quantities {
-    /// Of the tracked variables.
+    /// Quantities of the tracked variables.
     r: Vec<String>,
-    /// Of the control.
+    /// Quantities of the control.
     u: Vec<String>,
 }
 
@@ -73,9 +73,9 @@ fn yes() -> bool {
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct Units {
-    /// Of the reference.
+    /// Units of the reference.
     r: Vec<String>,
-    /// Of the control.
+    /// Units of the control.
     u: Vec<String>,
 }
 

@@ -14,7 +14,7 @@ const MOST_INPUTS: usize = 3 * MOST_CHANNELS;
 /// As many as there are inputs at most, and one for the bias.
 const PRIMES: [f64; MOST_INPUTS + 1] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0];
 
-/// How the weights of the neurons are given.
+/// Rule for the weights of the neurons.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WeightRule {
@@ -31,9 +31,9 @@ pub enum WeightRule {
 #[derive(Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkStructure {
-    /// How the weights are given.
+    /// Rule for the weights.
     rule: WeightRule,
-    /// How many neurons; with weights that are given, as many as these.
+    /// Number of neurons; with given weights, as many as these.
     #[serde(default)]
     neurons: Option<usize>,
     /// A row of weights a neuron, one an input, with rule = "given".
@@ -47,14 +47,14 @@ pub struct NetworkStructure {
 /// Z_j(x) = 1/(1 + e^(−w_jᵀ x − b_j)), with sine and cosine of an angle in its place.
 #[derive(Debug)]
 pub(super) struct Network {
-    /// By columns: w_j in column j.
+    /// Weights by columns: w_j in column j.
     weights: DMatrix<f64>,
     biases: Vec<f64>,
     angles: Angles,
 }
 
 impl Network {
-    /// Of a state of so many elements, some of them angles.
+    /// The network of a state of so many elements, some of them angles.
     ///
     /// # Errors
     /// Numbers of neurons and weights that contradict each other.

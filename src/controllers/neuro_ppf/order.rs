@@ -1,4 +1,4 @@
-//! What the law knows of the motion of its errors, by the channels' relative degree.
+//! Known motion of the errors, by the channels' relative degree.
 
 use crate::controllers::angles::Angles;
 use crate::controllers::funnel::Inside;
@@ -6,7 +6,7 @@ use crate::system::{
     Declaration, Input, MatrixOf, Parameter, Point, Rates, Scalar, State, Unit, Values, VectorOf, matrix, vector,
 };
 
-/// How the errors are made, and moved by what is known.
+/// Definition of the errors, and their known motion.
 #[derive(Debug)]
 pub(super) enum Order {
     /// e = x − x_m with the reference model x_m' = A_m (x_m − r).
@@ -15,12 +15,12 @@ pub(super) enum Order {
     Second { dr: VectorOf<Input>, ddr: VectorOf<Input>, lambda: VectorOf<Parameter>, angles: Angles },
 }
 
-/// The law's view of a channel.
+/// Known motion of a channel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion<S> {
     /// The error that is adapted to: ε, or ε' + λ ε.
     pub E: S,
-    /// What of E' doesn't come from the plant.
+    /// Part of E' that doesn't come from the plant.
     pub V: S,
 }
 

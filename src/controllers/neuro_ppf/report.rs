@@ -1,4 +1,4 @@
-//! What a designer should know of a neuro-adaptive law.
+//! Report of a neuro-adaptive controller.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::DMatrix;
@@ -40,7 +40,7 @@ impl NeuroPpf {
         self.funnel.report(v, report);
     }
 
-    /// How far the weights may go: 0 < Z < 1, and the leakage is constant.
+    /// Reports the bound of the weights: 0 < Z < 1, and the leakage is constant.
     fn tell_bound(&self, v: &Values<f64>, report: &mut DesignReport) {
         let (sigma, name) = (v[self.sigma], "largest weight for |R E| = 1");
         if sigma > 0.0 {

@@ -1,4 +1,4 @@
-//! What a designer should know of an observer.
+//! Report of an observer.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::{DMatrix, DVector};
@@ -37,7 +37,7 @@ impl Observer {
         report.tell(&format!("decay of {delta}"), v[self.lambda_0], "1/s", "");
     }
 
-    /// With the plant of the description: when an error of the estimate has decayed, and what is left of it at rest.
+    /// Reports the decay of the estimation error with the plant of the description, and its rest in steady state.
     fn tell_estimate(&self, v: &Values<f64>, report: &mut DesignReport) {
         let m = self.C.nrows();
         let Some(described) = report.nominal().and_then(|nominal| Described::new(nominal, m)) else { return };

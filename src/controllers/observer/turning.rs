@@ -38,7 +38,7 @@ pub(super) fn turning(
 }
 
 impl Observer {
-    /// With a watch on angles that aren't declared.
+    /// Watches angles that aren't declared.
     pub(super) fn watching(self, units: &[&'static str], angles: &Angles, d: &mut Declaration) -> Self {
         let jumps = Jumps::declare(d, self.y, units, angles);
         Observer { jumps, ..self }

@@ -1,5 +1,5 @@
-//! What a designer should know of a PID controller: what its filter does with noise and with the derivative, and the time in
-//! which it leaves a limit.
+//! Report of a PID controller: the effect of its filter on noise and on the derivative, and the time in which it leaves
+//! a limit.
 #![allow(non_snake_case)] // gains have the names of the field
 
 use super::{BY_GAINS, Pid};
@@ -15,11 +15,11 @@ use crate::mathematics::limits::UNLIMITED;
 use crate::report::{at_least, at_most, number};
 use crate::system::{DesignReport, Values, Verdict};
 
-/// What should be left of a derivative, through which a step holds the output.
+/// Least part of the derivative that should remain at the end of a step.
 const KEPT: f64 = 0.8;
 /// N H at which so much is left.
 const LONGEST: f64 = 0.43;
-/// How far the filter's rate should lie above K_p/K_d, from which on the derivative acts.
+/// Least ratio of the filter's rate to K_p/K_d, from which on the derivative acts.
 const APART: f64 = 2.0;
 
 impl Pid {
@@ -67,7 +67,7 @@ impl Pid {
         } else {
             report.tell("corner frequency", K_p / K_d, "rad/s", &note);
         }
-        // Within a larger system nothing is held.
+        // Within a composite, no signal is sampled.
         if report.step > 0.0 {
             self.tell_held(i, v, report);
         }
@@ -89,7 +89,7 @@ impl Pid {
         report.judge("derivative held", kept, "", Verdict::Warning, note);
     }
 
-    /// Of a controller that has limits.
+    /// Reports the limits of a controller that has some.
     fn tell_limits(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
         let limited = v[self.u_min].iter().any(|&min| min > -UNLIMITED)
             || v[self.u_max].iter().any(|&max| max < UNLIMITED)
@@ -108,7 +108,7 @@ impl Pid {
     }
 }
 
-/// What is left of the derivative of a ramp that comes in steps, at the end of each: x/(eˣ − 1) with x = N H.
+/// Part of the derivative that remains at the end of each step for a sampled ramp: x/(eˣ − 1) with x = N H.
 fn kept(x: f64) -> f64 {
     x / x.exp_m1()
 }

@@ -9,11 +9,11 @@ use crate::system::{Invalid, Unit};
 #[derive(Debug, Default, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Units {
-    /// Of the measured output, and of its reference.
+    /// Units of the measured output, and of its reference.
     y: Vec<String>,
-    /// Of the control.
+    /// Units of the control.
     u: Vec<String>,
-    /// Of what the channels ask for, which S turns into the control; those of the control, where none are given.
+    /// Units of the channels' demands, which S turns into the control; if not given, those of the control.
     v: Vec<String>,
 }
 

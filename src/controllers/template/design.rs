@@ -10,7 +10,7 @@ use crate::template::three_digits;
 
 /// Damping of poles at least.
 const DAMPING: f64 = 0.8;
-/// How much faster than the one before a pole of the same chain and speed is.
+/// Ratio of each pole to the one before in the same chain.
 const SPREAD: f64 = 1.2;
 
 fn eigenvalues(A: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, Invalid> {

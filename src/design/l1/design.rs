@@ -64,7 +64,7 @@ pub struct Design {
     pub adaptation_gain: f64,
     /// Bounds of ω, m × m.
     pub omega: [DMatrix<f64>; 2],
-    /// By element, m × n, as a factor of x/peak.
+    /// Bounds of θ, m × n, as a factor of x/peak.
     pub theta_bound: DMatrix<f64>,
     /// One an input.
     pub sigma_bound: Vec<f64>,

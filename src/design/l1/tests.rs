@@ -32,7 +32,7 @@ fn assert_near(what: &str, found: f64, expected: f64, relative: f64) {
     assert!((found - expected).abs() <= relative * expected.abs(), "{what}: {found} for {expected}");
 }
 
-/// Step, K/W, λ*, the shares that are proved and stable, what 95 % of the plants are off at rest.
+/// Step, K/W, λ*, the shares that are proved and stable, the steady-state error of 95 % of the plants.
 #[test]
 fn plants_of_textbooks_have_the_known_filters_steps_and_proofs() {
     for (name, plant, W, R, [step, gain, of_lambda, proved, stable, rest]) in [

@@ -39,7 +39,7 @@ struct Ellipsoid {
 }
 
 impl Bounds {
-    /// By a part of each entry: rows of A of 0 and ±1 that no input enters are kinematics, which are certain.
+    /// Bounds in parts of each entry: rows of A of 0 and ±1 that no input enters are kinematics, which are certain.
     pub fn by_part(A: &DMatrix<f64>, B: &DMatrix<f64>, part: f64) -> Self {
         let is_kinematic = |i: usize| {
             A.row(i).iter().all(|entry| [-1.0, 0.0, 1.0].contains(entry)) && B.row(i).iter().all(|entry| *entry == 0.0)

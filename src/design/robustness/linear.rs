@@ -54,7 +54,7 @@ impl Parts {
         &self.own + &self.entry * rate
     }
 
-    /// How the references enter it.
+    /// Entry of the references.
     pub fn driven(&self, B_t: &DMatrix<f64>) -> DMatrix<f64> {
         &self.reference + &self.entry * B_t * &self.direct
     }

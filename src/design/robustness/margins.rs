@@ -17,7 +17,7 @@ use crate::design::zeros;
 pub struct Margins {
     /// M_s, the largest singular value of (I + G K)⁻¹.
     pub modulus: f64,
-    /// Where that is.
+    /// Frequency of that.
     pub frequency: f64,
     /// The largest gain below 1 and the smallest above 1 of a channel, the others closed, at which the loop is no longer
     /// stable; none where there is none.
@@ -134,7 +134,7 @@ impl Margins {
         }
     }
 
-    /// Where a gain is negative and real, other gains lead to −1.
+    /// Notes a gain that is negative and real, which other factors scale to −1.
     fn crosses_axis(&mut self, before: Complex<f64>, after: Complex<f64>) {
         if before.im * after.im > 0.0 || before.im == after.im {
             return;

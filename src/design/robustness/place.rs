@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-/// Where each entry is, in parts of its bound: from −1 to 1 of an entry that is within it by itself.
+/// Place of each entry, in parts of its bound: from −1 to 1 of an entry that is within it by itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
     /// Entries of A.

@@ -14,7 +14,7 @@ const STARTS: usize = 5;
 const ROUNDS: usize = 5;
 /// With many states it goes from the nominal one only, once, by so many poles.
 const FEW_POLES: usize = 4;
-/// Of more states than these fewer plants are drawn.
+/// Number of states above which fewer plants are drawn.
 const FEW_STATES: usize = 8;
 const FEWEST: usize = 8;
 /// The largest bounds are found to this part of them, with so many halvings at most.
@@ -31,8 +31,8 @@ pub struct Region {
 }
 
 impl Region {
-    /// So many plants that are drawn, always the same ones for a seed, and the corners to which the poles of this law's loop
-    /// move most.
+    /// Draws so many plants, always the same ones for a seed, and the corners to which the poles of this controller's
+    /// loop move most.
     pub fn new(plant: &Uncertain, law: &impl LinearLaw, (plants, seed): (usize, u64)) -> Self {
         let mut places = vec![Place::nominal(plant.size())];
         let mut drawn = 0;
@@ -160,7 +160,7 @@ fn steepest(plant: &Uncertain, closed: &DMatrix<f64>, parts: &Parts, count: usiz
     poles.iter().filter_map(corner).collect()
 }
 
-/// By two steps of inverse iteration from where the eigenvalue almost is.
+/// The eigenvector by two steps of inverse iteration from an approximate eigenvalue.
 fn eigenvector(matrix: &DMatrix<Complex<f64>>, value: Complex<f64>) -> Option<DVector<Complex<f64>>> {
     let n = matrix.nrows();
     let near = value * (1.0 + 1e-10) + Complex::new(1e-12, 1e-12) * matrix.camax();

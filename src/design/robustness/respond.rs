@@ -75,14 +75,14 @@ pub fn absolute_integral(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -
     Some(integral)
 }
 
-/// How a signal moves as an input steps to 1.
+/// Course of a signal as an input steps to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
-    /// Where it ends.
+    /// Final value.
     pub end: f64,
     /// The lowest and the highest value.
     pub range: [f64; 2],
-    /// When it stays within a band about its end, in 1/W.
+    /// Time from which it stays within a band about its end, in 1/W.
     pub settling: f64,
     /// From 10 % to 90 % of its end, in 1/W.
     pub rise: f64,
@@ -109,7 +109,7 @@ pub fn step(A: &DMatrix<f64>, b: &DVector<f64>, C: &DMatrix<f64>, d: &DVector<f6
 /// A signal that is looked at while it moves.
 struct Signal {
     course: Course,
-    /// When it was at 10 % of its end first.
+    /// Time when it was at 10 % of its end first.
     began: Option<f64>,
     has_risen: bool,
 }

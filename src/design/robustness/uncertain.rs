@@ -7,11 +7,11 @@ use super::bounds::Bounds;
 use super::place::Place;
 use crate::mathematics::balanced::balance;
 
-/// Of so many uncertain entries the signs are changed one by one.
+/// Most uncertain entries whose signs are changed one by one.
 const FEW_ENTRIES: usize = 60;
 /// A sampled control is late by so many of its steps: half of one as it is constant, half of one as what it measures is.
 const LATE: f64 = 1.0;
-/// So many times at most.
+/// Most passes.
 const PASSES: usize = 3;
 
 /// x' = (A + ΔA) x + (B + ΔB) u, y = C x, with ΔA and ΔB within bounds, in balanced coordinates with time in 1/W.

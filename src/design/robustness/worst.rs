@@ -16,15 +16,15 @@ const NARROWER: f64 = 0.9;
 pub struct Stepped {
     /// From 10 % to 90 % of the step, the slowest, in 1/W.
     pub rise: f64,
-    /// How far an output goes beyond its reference, in parts of the step.
+    /// Overshoot of an output beyond its reference, in parts of the step.
     pub overshoot: f64,
-    /// How far it goes the wrong way first, likewise.
+    /// Undershoot in the wrong direction at first, likewise.
     pub undershoot: f64,
-    /// When all outputs stay within a band about their ends, in 1/W.
+    /// Time from which all outputs stay within a band about their ends, in 1/W.
     pub settling: f64,
     /// That band, in parts of the step.
     pub band: f64,
-    /// How far they end from the reference, in parts of the step.
+    /// Final deviation from the reference, in parts of the step.
     pub off: f64,
     /// The lowest and the highest value of each control.
     pub control: Vec<[f64; 2]>,

@@ -52,7 +52,7 @@ fn by_summation(a: f64, b: f64, sets: &[Triangle<f64>; SETS]) -> f64 {
             1.0
         }
     };
-    // A shoulder is the slope of a triangle whose value is held where it ends.
+    // A shoulder is the slope of a triangle that stays constant beyond its end.
     let belongs = |x: f64, k: usize| {
         let (x, before) = (x.clamp(CENTRES[0], CENTRES[4]), if k > 0 { CENTRES[k - 1] } else { -1.0 });
         tent(x, before, CENTRES[k], *CENTRES.get(k + 1).unwrap_or(&3.0))

@@ -124,7 +124,7 @@ fn bounds_that_let_the_input_gain_lose_its_sign_leave_no_guarantee() {
 
 #[test]
 fn without_a_fast_filter_little_is_gained() {
-    // (1/(s + 2)) (1 − 1/(s + 1)): ∫|2e^−2t − e^−t| = 1/2 by hand, which is the norm of 1/(s + 2) alone.
+    // (1/(s + 2)) (1 − 1/(s + 1)): ∫|2e^−2t − e^−t| = 1/2 by hand, which is the norm of only 1/(s + 2).
     let mut example = siso();
     (example.A_m, example.B) = (scalar(-2.0), scalar(1.0));
     example.K = scalar(1.0);

@@ -298,8 +298,8 @@ fn random_numbers(mut state: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A chain of integrators from each input to a signal, stable by feedback, beside stable dynamics driven by these
-/// signals; outputs, inputs and states are mixed. Its zeros are the eigenvalues of the dynamics beside the chains.
+/// A chain of integrators from each input to a signal, stable by feedback, and stable dynamics driven by these signals;
+/// outputs, inputs and states are mixed. Its zeros are the eigenvalues of the driven dynamics.
 fn random_example(lengths: &[usize], n_z: usize, k: usize, random: &mut impl FnMut() -> f64) -> (Example, Vec<f64>) {
     let (m, n) = (lengths.len(), lengths.iter().sum::<usize>() + n_z);
     let mixing = |size: usize, random: &mut dyn FnMut() -> f64| {

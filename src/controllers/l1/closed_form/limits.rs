@@ -1,11 +1,10 @@
-//! What limits of the control change in the linear system of a stride: a control that is at its limit at the beginning
-//! stays there, and u_ad follows what the limit leaves.
+//! Effect of the limits on the linear system of a stride: a control that is at its limit at the beginning stays there,
+//! and u_ad follows what the limit leaves.
 
 use super::{Baseline, Linear};
 
 impl Linear<'_> {
-    /// How v_j leaves where it stands, times ω̂: with the filter's output, or not at all while the control is at its
-    /// limit.
+    /// Adds the change of v_j, times ω̂: that of the filter's output, or none while the control is at its limit.
     pub(super) fn add_control_change(&mut self, omega: f64, i: usize, j: usize) {
         let (l1, at, v) = (self.l1, self.at, self.v);
         let limited = l1.is_limited(j, &v);
@@ -46,7 +45,7 @@ impl Linear<'_> {
         }
     }
 
-    /// What u_ad has of η̂_2 at once, in what is followed.
+    /// Feedthrough of η̂_2 to u_ad, in what is followed.
     fn track_at_once(&mut self, row: usize, gain: f64, channel: usize) {
         let Some(direct) = self.l1.unmatched.as_ref().and_then(|unmatched| unmatched.cancellation.direct) else {
             return;
