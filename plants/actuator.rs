@@ -1,4 +1,4 @@
-//! An actuator: what a plant gets of what a controller commands.
+//! An actuator between a controller's command and a plant.
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels, write_sizes};

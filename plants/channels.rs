@@ -35,7 +35,7 @@ impl Channels {
     /// The unit of each channel.
     ///
     /// # Errors
-    /// Sizes beyond what is allowed, and units that aren't known.
+    /// Sizes outside the allowed range, and unknown units.
     pub(super) fn units(&self) -> Result<Vec<&'static str>, Invalid> {
         let Channels { channels, units, delay_samples, .. } = self;
         if !(1..=1000).contains(channels) {
@@ -65,7 +65,7 @@ impl Channels {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Clock {
     pub sample_time: ScalarOf<Parameter>,
-    /// Number k of the latest sample; it stands still where nothing is sampled.
+    /// Number k of the latest sample; constant without sampling.
     pub sample: ScalarOf<Discrete>,
 }
 
@@ -158,7 +158,7 @@ impl DelayLine {
         v[self.ring(i)].fill(value);
     }
 
-    /// Takes what comes in at a sample instant.
+    /// Stores an input at a sample instant.
     pub fn push<S: Scalar>(&self, i: usize, value: S, v: &mut Point<S>) {
         let place = self.place(v[self.clock.sample]);
         S::put_element(&mut v[self.ring(i)], place, value);

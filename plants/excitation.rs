@@ -1,4 +1,4 @@
-//! Signals of an experiment: what is added to a plant's inputs so that a record shows the plant.
+//! Signals of an experiment, added to a plant's inputs so that a record shows its dynamics.
 
 mod signal;
 mod template;

@@ -1,4 +1,4 @@
-//! A sensor: what a controller gets of what it measures.
+//! A sensor between a plant and a controller.
 
 use super::channels::{Channels, Clock, DelayLine, Lag};
 use super::template::{channels, write_channels, write_sizes};

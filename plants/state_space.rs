@@ -297,7 +297,7 @@ impl StateSpaceStructure {
     /// A, B and C.
     ///
     /// # Errors
-    /// What doesn't fit.
+    /// Matrices that don't fit.
     fn matrices(&self) -> Result<[DMatrix<f64>; 3], Invalid> {
         let (A, B, C) = (rows("A", &self.A)?, rows("B", &self.B)?, rows("C", &self.C)?);
         let n = A.nrows();

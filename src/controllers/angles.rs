@@ -1,4 +1,4 @@
-//! Channels that are angles: what differs by whole turns is the same to a law.
+//! Channels that are angles: values that differ by whole turns are the same to a controller.
 
 use std::f64::consts::TAU;
 

@@ -99,7 +99,7 @@ pub(super) const REOPENED_OR_AT_LIMIT: &str =
 #[derive(Debug)]
 pub(super) struct AtLimit {
     limited: Limited,
-    /// At which limit each channel stands: −1 at the lower, 1 at the upper, 0 at none.
+    /// Limit at which each channel is: −1 the lower, 1 the upper, 0 none.
     side: VectorOf<Discrete>,
     /// Since when, s.
     since: VectorOf<Discrete>,
@@ -147,7 +147,7 @@ impl AtLimit {
         S::select(v[self.side][channel].equals(none), none, t - v[self.since][channel])
     }
 
-    /// Warns of a channel, where it is the one that has stood at its limit longest.
+    /// Warns of a channel if it has been at its limit longest.
     fn warn<S: Scalar>(&self, channel: usize, t: S, v: &mut Point<S>) {
         let Limited { u, u_min, u_max } = self.limited;
         let longest = v[self.longest];

@@ -1,7 +1,7 @@
-//! The clock of a law that is sampled: at instants of its own, whatever steps a master makes.
+//! The clock of a sampled controller: at instants of its own, whatever steps a master makes.
 //!
-//! Sample k belongs to the time t_0 + k T. All that a sample computes follows from k, from what the last one left and from
-//! the inputs that stand, so that the points at which a master cuts the time between two samples change no bit of it.
+//! Sample k belongs to the time t_0 + k T. The computations of a sample depend only on k, on the state after the last
+//! one and on the present inputs, so that a master's communication points between two samples change no bit of it.
 
 use crate::system::{Declaration, Discrete, Point, SamplingClock, Scalar, ScalarOf, Values, scalar, smaller};
 

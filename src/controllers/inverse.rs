@@ -16,7 +16,7 @@ pub(super) fn inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
 /// Prepares the inverse of a parameter.
 ///
 /// # Errors
-/// When there is none.
+/// A matrix without an inverse.
 pub(super) fn prepare(of: MatrixOf<Parameter>, inverse: MatrixOf<Prepared>, v: &mut Point) -> Result<(), Invalid> {
     let found = self::inverse(&v.matrix(of).into_owned()).map_err(|least| refused(&v.name(of), least))?;
     v.matrix_mut(inverse).copy_from(&found);

@@ -1,4 +1,4 @@
-//! L1 control at a sample time of its own: what is unknown is found anew at each sample, and constant until the next.
+//! L1 control with its own sample time: the unknown part is estimated at each sample, and constant until the next.
 //!
 //! N. Hovakimyan, C. Cao, L1 adaptive control theory: guaranteed robustness with fast adaptation, SIAM 2010, section
 //! 3.3, for the piecewise constant adaptation; the exact estimate, the nominal input gain, the pole placement for
@@ -114,7 +114,7 @@ pub struct L1Sampled {
     held: VectorOf<Discrete>,
     u: VectorOf<Signal>,
     u_ad: VectorOf<Signal>,
-    /// True if the next sample begins from the control that stands.
+    /// True if the next sample begins from the present control.
     takes_over: BooleanOf<Discrete>,
     is_stepped: BooleanOf<crate::system::Memory>,
     at_limit: AtLimit,

@@ -65,7 +65,7 @@ impl Moves {
         }
     }
 
-    /// Begins anew where the control jumps for another reason than its law.
+    /// Restarts the watch when the control jumps for another reason than its control law.
     pub fn begin<S: Scalar>(&self, v: &mut Point<S>) {
         let none = S::from(0.0);
         v[self.count] = none;
@@ -84,7 +84,7 @@ impl Moves {
         Move { flag: part.above(limit), part, limit }
     }
 
-    /// Notes where the control stands, and how far it has moved.
+    /// Notes the present control, and its motion so far.
     fn note<S: Scalar>(&self, u: VectorOf<Signal>, v: &mut Point<S>) {
         let none = S::from(0.0);
         // The first move leads from an arbitrary start.

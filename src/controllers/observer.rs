@@ -28,10 +28,10 @@ use crate::template::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObserverDynamics {
-    /// By the poles of A − k_l C.
+    /// Given by the poles of A − k_l C.
     #[default]
     Poles,
-    /// As it is.
+    /// Given as it is.
     Gain,
 }
 

@@ -81,7 +81,7 @@ impl System for QuadrotorMixer {
 }
 
 impl QuadrotorMixer {
-    /// True if the rotors don't give what is commanded.
+    /// True if the rotors don't give the commanded control.
     fn is_saturated<S: Scalar>(&self, v: &Values<S>) -> S::Flag {
         let demand: [S; 4] = v.array(self.u);
         let achieved = self.rotors.allocate(demand, v).achieved;

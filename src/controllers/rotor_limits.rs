@@ -146,7 +146,7 @@ impl RotorLimits {
         torques
     }
 
-    /// True if the rotors don't give what is asked of them.
+    /// True if the rotors don't give the demanded control.
     pub fn cut(&self, v: &Values<f64>) -> bool {
         let demand = self.demand(|i| v[self.unlimited][i], v);
         self.is_on(v) && v[self.limited.u] != demand

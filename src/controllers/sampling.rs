@@ -1,4 +1,4 @@
-//! A law that is evaluated at all times, or sampled where a master steps the unit.
+//! A controller that is evaluated at all times, or sampled if a master steps the FMU.
 
 use super::clock::{Clock, SHORTEST};
 use crate::system::{
@@ -42,7 +42,7 @@ impl Evaluation {
     }
 }
 
-/// The parameter of how many samples a sampled law looks ahead.
+/// The parameter for the number of samples that a sampled controller looks ahead.
 pub(super) fn prediction_steps() -> DiscreteSpec<i32> {
     let text = "samples over which the sampled law looks ahead: 1 is sharper, where the plant is stepped before the \
                 controller; 2 serves any master";

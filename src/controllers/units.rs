@@ -10,7 +10,7 @@ const MOST_CHANNELS: usize = 200;
 /// Refuses a number of channels that is none.
 ///
 /// # Errors
-/// How many there may be.
+/// A number outside the allowed range.
 pub(super) fn check_channels(m: usize) -> Result<(), Invalid> {
     if (1..=MOST_CHANNELS).contains(&m) {
         return Ok(());
@@ -32,7 +32,7 @@ impl OutputUnits {
     /// Those of outputs and of controls, m each.
     ///
     /// # Errors
-    /// Which text can't be a unit, or how many there must be.
+    /// A text that isn't a unit, or a wrong number of them.
     pub(super) fn symbols(&self, m: usize) -> Result<[Vec<&'static str>; 2], Invalid> {
         Ok([Unit::symbols("y", &self.y, m)?, Unit::symbols("u", &self.u, m)?])
     }
@@ -52,7 +52,7 @@ impl Quantities {
     /// Those of outputs and of controls, m each; none where none are given.
     ///
     /// # Errors
-    /// Which text can't be one, or how many there must be.
+    /// A text that can't be a quantity, or a wrong number of them.
     pub(super) fn of_signals(&self, m: usize) -> Result<[Vec<String>; 2], Invalid> {
         Ok([quantities("y", &self.y, m)?, quantities("u", &self.u, m)?])
     }

@@ -166,7 +166,7 @@ impl<'a> Loop<'a> {
         followed.stayed() && followed.largest_part <= MOST_SAMPLED
     }
 
-    /// How the reference is followed, at the samples of a loop whose control is constant within such steps.
+    /// Follows the reference at the samples of a loop whose control is constant within such steps.
     pub fn follow_sampled(&self, step: f64) -> Followed {
         let (n, m) = self.B.shape();
         let mut followed = Followed { largest_part: 0.0, left: 0.0, control: vec![[0.0; 2]; m], until: 0.0 };

@@ -25,7 +25,7 @@ pub const fn workspace(n: usize) -> usize {
 /// need be.
 ///
 /// # Panics
-/// When the size of matrix or workspace isn't that of n and [`workspace`].
+/// If the size of matrix or workspace isn't that of n and [`workspace`].
 pub fn exponential<S: Scalar>(n: usize, matrix: &mut [S], workspace: &mut [S]) {
     assert!(matrix.len() == n * n && workspace.len() == self::workspace(n), "sizes of a matrix of order {n}");
     balance(n, matrix, &mut workspace[..n + n * n + 1]);

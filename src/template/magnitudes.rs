@@ -231,7 +231,7 @@ mod tests {
         assert!((found.x[0] / 1e-3 - 1.0).abs() < 1e-9, "{found:?}");
     }
 
-    /// By the signals' names where one of them is that of the vector, which can't be set as a whole then.
+    /// One of the signals has the name of the vector, so that it can't be set as a whole.
     #[test]
     fn inputs_of_which_one_is_called_u_have_a_number_each() {
         let written = |names: &[&str]| {

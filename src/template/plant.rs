@@ -115,7 +115,7 @@ impl Plant {
     /// of rows; where A leaves no doubt of what it is, a column or a row may be a plain list, and a single number a plain one.
     ///
     /// # Errors
-    /// What is wrong.
+    /// Errors in the text.
     pub fn parse(text: &str) -> Result<Self, Invalid> {
         Self::parse_for(text, [None, None])
     }
@@ -123,7 +123,7 @@ impl Plant {
     /// The same with some of its inputs and outputs only, by their names and in that order.
     ///
     /// # Errors
-    /// What is wrong, or a name that it doesn't have.
+    /// Errors in the text, or an unknown name.
     pub fn parse_for(text: &str, [inputs, outputs]: [Option<&[String]>; 2]) -> Result<Self, Invalid> {
         let mut plant = Self::whole(text)?.of_signals(inputs, outputs)?;
         for signals in [&mut plant.x, &mut plant.u, &mut plant.y] {

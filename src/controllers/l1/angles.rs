@@ -1,7 +1,7 @@
-//! Angles in an L1 law: which they are, and how they and their references are read.
+//! Angles in an L1 law, and the reading of their references.
 //!
-//! ψ_l = x̂_ψ + wrap(ψ − c − x̂_ψ) with the origin c takes the place of ψ, r_l = ψ_l + wrap(r − c − ψ_l) that of its reference.
-//! Where |r_l| is beyond the range, c += r_l, x̂_ψ −= r_l and u_ad −= K_m[:, ψ] r_l: the control doesn't jump.
+//! ψ_l = x̂_ψ + wrap(ψ − c − x̂_ψ) with the origin c takes the place of ψ, r_l = ψ_l + wrap(r − c − ψ_l) that of its
+//! reference. If |r_l| exceeds the range, c += r_l, x̂_ψ −= r_l and u_ad −= K_m[:, ψ] r_l: the control doesn't jump.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::infinity_norm;

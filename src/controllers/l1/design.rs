@@ -1,4 +1,4 @@
-//! The numbers of an L1 controller, and what is designed from them.
+//! The parameters of an L1 controller, and matrices that are designed from them.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use nalgebra::{Complex, DMatrix, DMatrixView};

@@ -358,7 +358,7 @@ pub(in crate::controllers) fn tell_delay_margin(
         return;
     };
     let of = "largest delay at the plant's input, in all channels, with which the loop of the nominal plant is stable";
-    // Held signals lag by half a step; what is measured before the plant's step, by one more.
+    // Zero-order holds delay by half a step; measuring before the plant's step, by one more.
     let lag = 1.5 * report.step;
     if delay > lag {
         report.tell("delay margin", delay, "s", of);
@@ -451,7 +451,7 @@ fn report_loop(design: &L1Design, feedback_gain: &str, report: &mut DesignReport
         report.tell(name, real, "1/s", &format!("over {} values of omega within its bounds", gains.len()));
     } else {
         let note = "for some omega within its bounds the loop is unstable; see the advice at lambda";
-        // The bounds may be wider than what a plant has: the nominal one decides.
+        // The bounds may be wider than a plant's true range: the nominal gain decides.
         let is_nominal = design.is_stable(&identity);
         report.judge(name, real, "1/s", if is_nominal { Verdict::Warning } else { Verdict::NotSound }, note);
         report.tell("omega there", omega, "", "");

@@ -48,10 +48,10 @@ pub enum Baseline {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DesiredDynamics {
-    /// By their poles.
+    /// Given by their poles.
     #[default]
     Poles,
-    /// As the matrix A_m.
+    /// Given as the matrix A_m.
     Matrix,
 }
 
@@ -140,7 +140,7 @@ impl Units {
     /// Those of r, x and u, for n states and m inputs.
     ///
     /// # Errors
-    /// Which text can't be a unit, or how many there must be.
+    /// A text that isn't a unit, or a wrong number of them.
     pub fn symbols(&self, (n, m): (usize, usize)) -> Result<[Vec<&'static str>; 3], Invalid> {
         let Units { r, x, u } = self;
         Ok([Unit::symbols("r", r, m)?, Unit::symbols("x", x, n)?, Unit::symbols("u", u, m)?])
@@ -151,7 +151,7 @@ impl Quantities {
     /// Those of r, x and u, for n states and m inputs; those of r by the states that C takes, where none are given.
     ///
     /// # Errors
-    /// Which text can't be one, or how many there must be.
+    /// A text that can't be a quantity, or a wrong number of them.
     #[allow(non_snake_case)]
     pub fn of_signals(&self, (n, m): (usize, usize), C: &DMatrix<f64>) -> Result<[Vec<String>; 3], Invalid> {
         let (of_x, of_u) = (quantities("x", &self.x, n)?, quantities("u", &self.u, m)?);
@@ -245,7 +245,7 @@ impl L1Structure {
     /// than an angle's aren't taken for any.
     ///
     /// # Errors
-    /// Where the description names others.
+    /// Other angles in the description.
     pub(in crate::controllers) fn with_angles(mut self, known: &[usize]) -> Result<Self, Invalid> {
         if let Some(other) = self.angles.iter().find(|angle| !known.contains(angle)) {
             return Err(Invalid::new("angles", other, format!("must be {known:?}, or left out")));
@@ -288,13 +288,13 @@ impl L1Structure {
     /// Numbers of states and of inputs.
     ///
     /// # Errors
-    /// What is wrong with B.
+    /// Errors in B.
     pub(in crate::controllers) fn size(&self) -> Result<(usize, usize), Invalid> {
         rows("B", &self.B).map(|B| B.shape())
     }
 
     /// # Errors
-    /// What doesn't fit.
+    /// Matrices that don't fit.
     #[allow(non_snake_case)]
     pub(in crate::controllers) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let (B, C) = input_and_output(&self.B, &self.C)?;
@@ -342,7 +342,7 @@ impl L1Structure {
     }
 
     /// # Errors
-    /// Which unit isn't known, or how many there must be.
+    /// An unknown unit, or a wrong number of them.
     pub(in crate::controllers) fn units(&self, (n, m): (usize, usize)) -> Result<Symbols, Invalid> {
         let [r, x, u] = self.units.symbols((n, m))?;
         let commanded = |unit: &&'static str| match self.commands {
@@ -355,7 +355,7 @@ impl L1Structure {
     }
 
     /// # Errors
-    /// Why it is no filter of this law.
+    /// Reason why it is no filter of this controller.
     pub(in crate::controllers) fn filter(&self) -> Result<Filter, Invalid> {
         Filter::new(&self.filter)
     }
@@ -364,7 +364,7 @@ impl L1Structure {
 /// B and C, n × m and m × n.
 ///
 /// # Errors
-/// What doesn't fit.
+/// Matrices that don't fit.
 #[allow(non_snake_case)]
 pub(in crate::controllers) fn input_and_output(
     B: &[Vec<f64>],
@@ -390,7 +390,7 @@ pub(in crate::controllers) fn enters_rates(B: &DMatrix<f64>, C: &DMatrix<f64>) -
 /// A, n × n.
 ///
 /// # Errors
-/// What doesn't fit.
+/// A matrix that doesn't fit.
 #[allow(non_snake_case)]
 pub(in crate::controllers) fn nominal_dynamics(A: &[Vec<f64>], B: &DMatrix<f64>) -> Result<DMatrix<f64>, Invalid> {
     let A = rows("A", A)?;

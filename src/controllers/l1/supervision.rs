@@ -50,7 +50,7 @@ impl Law {
             let u = by_hand.map_or_else(manual, |torques| torques[i]);
             let u_ad = u / self.design.inertia(i, &values) + feedback;
             let u_ad = self.beside.map_or(u_ad, |beside| u_ad - v[beside.at_takeover][i]);
-            // From the estimates: at the start no signals stand yet.
+            // Computed from the estimates: at the start there are no signals yet.
             let norm = infinity_norm(self.state(&values));
             let eta_hat = |unmatched: &Unmatched, k: usize| unmatched.estimate(k, norm, &values);
             let filtered = u_ad - self.at_once(i, &values, eta_hat);
@@ -97,7 +97,7 @@ impl Law {
         });
     }
 
-    /// Shows the control with what a unit adds beside the law, where that has changed after a step.
+    /// Shows the control with the addition of an FMU, if that has changed after a step.
     pub fn show_beside<S: Scalar>(&self, v: &mut Point<S>) {
         let active = self.in_command.is_active(&v.values());
         for i in 0..self.u_ad.len() {
@@ -108,7 +108,7 @@ impl Law {
         }
     }
 
-    /// Tells, where this is so, that a communication step was too long for what a unit adds to the control.
+    /// Reports that a communication step was too long for the addition of an FMU to the control, if so.
     pub fn judge_step_beside<S: Scalar>(
         &self,
         is_too_long: S::Flag,

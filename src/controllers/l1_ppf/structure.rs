@@ -53,7 +53,7 @@ impl schemars::JsonSchema for L1PpfStructure {
 
 impl L1PpfStructure {
     /// # Errors
-    /// What doesn't fit, or isn't for this law.
+    /// Matrices that don't fit, or keys that this law has no use for.
     pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let plant = self.of_l1.plant()?;
         let (n, m) = plant.B.shape();
@@ -75,7 +75,7 @@ impl L1PpfStructure {
     /// The inverse of the nominal input gain: B, or C A B for relative degree 2.
     ///
     /// # Errors
-    /// Where the controls don't show after so many derivatives, independently of each other.
+    /// Controls that don't appear independently of each other in these derivatives.
     pub(super) fn inverse_gain(plant: &PlantMatrices) -> Result<DMatrix<f64>, Invalid> {
         let PlantMatrices { A, B, C, .. } = plant;
         let (name, gain) = match A {

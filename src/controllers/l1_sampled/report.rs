@@ -22,7 +22,7 @@ const MOST_LATE: usize = 40;
 const SETTLED: f64 = 1e-3;
 /// Imaginary part below which a pole is real.
 const REAL: f64 = 1e-9;
-/// Between which factors of the nominal input gain a loop should at least stand.
+/// Range of factors of the nominal input gain for which a loop should at least be stable.
 const NARROW: [f64; 2] = [0.8, 1.25];
 
 impl L1Sampled {

@@ -56,7 +56,7 @@ impl schemars::JsonSchema for L1SampledStructure {
 
 impl L1SampledStructure {
     /// # Errors
-    /// What doesn't fit, or isn't for this law.
+    /// Matrices that don't fit, or keys that this controller has no use for.
     pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let plant = self.of_l1.plant()?;
         if self.of_l1.commands == Commands::Acceleration {

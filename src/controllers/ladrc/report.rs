@@ -77,7 +77,7 @@ impl Ladrc {
         feedback::tell(m, law, &unit, report);
     }
 
-    /// The delay that the loop of a nominal chain of integrators stands at its input.
+    /// The delay margin of the loop of a nominal chain of integrators at its input.
     fn tell_delay(&self, i: usize, bandwidths: [f64; 2], v: &Values<f64>, report: &mut DesignReport) {
         let note = format!("at {}, of a loop with a chain of {} integrators", v.name(self.u.at(i)), self.order);
         match delay_margin(self.order, bandwidths) {

@@ -1,4 +1,4 @@
-//! Parameters of the controller, and what is designed from them.
+//! Parameters of the controller, and matrices that are designed from them.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use nalgebra::DMatrix;

@@ -68,7 +68,7 @@ pub(super) struct PlantMatrices {
 
 impl UnmatchedStructure {
     /// # Errors
-    /// What doesn't fit, or which plant this law can't control.
+    /// Matrices that don't fit, or a plant that this law can't control.
     pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let (B, C) = input_and_output(&self.B, &self.C)?;
         let A = nominal_dynamics(&self.A, &B)?;

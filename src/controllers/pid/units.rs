@@ -33,7 +33,7 @@ pub(super) struct Symbols {
 
 impl Units {
     /// # Errors
-    /// Which text can't be a unit, or how many there must be.
+    /// A text that isn't a unit, or a wrong number of them.
     pub(super) fn symbols(&self, m: usize) -> Result<Symbols, Invalid> {
         let (y, u) = (Unit::symbols("y", &self.y, m)?, Unit::symbols("u", &self.u, m)?);
         let v = if self.v.is_empty() { u.clone() } else { Unit::symbols("v", &self.v, m)? };

@@ -19,7 +19,7 @@ const PRECISION: f64 = 1e-9;
 /// The sample time of a plant's file, s; none of one in continuous time.
 ///
 /// # Errors
-/// What is no time.
+/// A value that is no time.
 pub fn sample_time(value: Option<&Value>) -> Result<Option<f64>, Invalid> {
     let Some(value) = value.filter(|value| !value.is_null()) else { return Ok(None) };
     match value.as_f64() {
