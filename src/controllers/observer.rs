@@ -354,7 +354,7 @@ impl Catalogued for Observer {
     });
 }
 
-/// A robust adaptive observer, at first with its nominal part alone.
+/// A robust adaptive observer, at first only with its nominal part.
 fn template(request: &Request) -> Result<Begun, Invalid> {
     let plant = request.plant(true)?;
     let (n, m, _) = plant.sizes();

@@ -390,7 +390,7 @@ fn condition_holds(lambda: Bounds) -> bool {
     lambda.upper < 1.0
 }
 
-/// Says of a design that is too large what isn't computed.
+/// Reports the missing checks of a design that is too large.
 fn too_large(design: &L1Design, report: &mut DesignReport) {
     let note = format!(
         "the norms and margins of a system of {} states (plant and filters) would take minutes: check a part of it",

@@ -121,7 +121,7 @@ impl Law {
         });
     }
 
-    /// Tells whether a communication step was too long for the control.
+    /// Warns if a communication step was too long for the control.
     fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
         let moved = self.moves.look(self.ports.u, step, v);
         v.put(self.step_too_long, moved.flag);

@@ -221,7 +221,7 @@ impl L1Sampled {
     }
 }
 
-/// Poles in words, one of a conjugate pair for both; what settles within a sample isn't told.
+/// Poles as text, one for a conjugate pair, without those that settle within a sample.
 fn texts(poles: &[Complex<f64>]) -> String {
     let three = |value: f64| number(format!("{value:.3e}").parse().unwrap_or(value));
     let mut texts: Vec<String> = Vec::new();

@@ -47,7 +47,7 @@ impl Ladrc {
                 report.tell(&of_o, omega_o, "rad/s", &poles);
             }
             self.tell_delay(i, [omega_c, omega_o], v, report);
-            // Within a larger system nothing is held.
+            // Within a composite, no signal is sampled.
             if report.step > 0.0 {
                 tell_step(&of_o, omega_o, report);
             }
@@ -143,7 +143,7 @@ fn delay_margin(n: usize, [omega_c, omega_o]: [f64; 2]) -> Option<f64> {
 mod tests {
     use super::delay_margin;
 
-    /// Bandwidths alone set the time.
+    /// Only the bandwidths set the time.
     #[test]
     fn a_loop_that_is_twice_as_fast_stands_half_the_delay() {
         for (n, bandwidths) in [(1, [4.0, 40.0]), (2, [8.0, 80.0]), (3, [10.0, 100.0]), (2, [8.0, 30.0])] {
