@@ -76,7 +76,7 @@ impl System for Quadrotor {
         let forces = ["x", "y", "z"].map(|axis| format!("force from outside, as of wind, along earth's {axis} axis"));
         let forces = forces.each_ref().map(String::as_str);
         let controls = ["thrust along the body's z axis", "torque of roll", "torque of pitch", "torque of yaw"];
-        let exact = "whether the body's rates are told from those of the angles";
+        let exact = "whether the body's rates are distinguished from the angles' rates";
         Ok(Quadrotor {
             x0: d.parameter(vector("x0", 12, "").each(&initial).units(&units).starts(&starts).fixed()),
             m: d.parameter(scalar("m", "mass").unit("kg").start(0.5).positive()),

@@ -143,7 +143,7 @@ impl System for Reference {
                     vector(
                         "smooth_start_curvature",
                         m,
-                        "1: the second derivative too starts at zero; 0: the first alone",
+                        "1: the second derivative starts at zero, too; 0: only the first",
                     )
                     .start(1.0)
                     .min(0.0)

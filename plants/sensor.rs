@@ -52,9 +52,7 @@ impl System for Sensor {
             ),
             seed: d.parameter(integer("seed", seed).start(1).fixed()),
             resolution: d.parameter(
-                vector("resolution", m, "step between the values that can be told apart; 0: none")
-                    .units(&units)
-                    .min(0.0),
+                vector("resolution", m, "step between distinguishable values; 0: none").units(&units).min(0.0),
             ),
             clock,
             lag: Lag::declare(d, &units),
@@ -181,7 +179,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.table("start");
     text.set("time_constant", all(0.0, m), "s, lag; 0 is none");
     text.set("noise_deviation", all(0.0, m), "standard deviation of the noise; 0 is none");
-    text.set("resolution", all(0.0, m), "step between values that can be told apart; 0 is none");
+    text.set("resolution", all(0.0, m), "step between distinguishable values; 0 is none");
     text.set("bias", all(0.0, m), "constant error");
     text.set("delay", all(0.0, m), "s, a multiple of sample_time");
     text.set("sample_time", "0.001", "s, of noise, delay and resolution");

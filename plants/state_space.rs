@@ -154,7 +154,7 @@ impl System for StateSpace {
             A: d.parameter(given("A", &A, "state matrix")),
             B: d.parameter(given("B", &B, "input matrix")),
             C: d.parameter(given("C", &C, "output matrix")),
-            D: D.map(|D| d.parameter(given("D", &D, "what the input shows in the output at once"))),
+            D: D.map(|D| d.parameter(given("D", &D, "feedthrough from the input to the output"))),
             x0: d.parameter(state("x0", " at the start").fixed()),
             x_op: d.parameter(state("x_op", " at the operating point")),
             u_op: d.parameter(input("u_op", "input at the operating point", "{} at the operating point")),
@@ -283,7 +283,7 @@ impl StateSpace {
                     let size = parts().fold(S::from(0.0), |sum, part| sum + part.abs());
                     v.refuse(shown.above(size * NEGLIGIBLE), |v| {
                         let name = format!("C A^{order} B of {}", v.name(rate.dy.at(i)));
-                        Invalid::new(name, shown.told(), "must be 0: an input shows in this derivative at once")
+                        Invalid::new(name, shown.told(), "must be 0: this derivative has feedthrough from an input")
                     });
                 }
                 *row = (0..n).map(|j| (0..n).fold(S::from(0.0), |sum, k| sum + row[k] * v[self.A.at(k, j)])).collect();
@@ -371,7 +371,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.set("C", template::rows(&plant.C), "");
     match &plant.D {
         Some(D) => text.set("D", template::rows(D), ""),
-        None => text.suggest("D", template::rows(&DMatrix::zeros(p, m)), "only where the input shows in y at once"),
+        None => text.suggest("D", template::rows(&DMatrix::zeros(p, m)), "only with feedthrough from the input to y"),
     }
     match derivatives(&plant) {
         0 => {}

@@ -67,7 +67,7 @@ impl System for UnmatchedMimo {
         let a_delta = matrix_of(
             "A_Delta",
             3,
-            "what the state matrix has beside the nominal one",
+            "deviation of the state matrix from the nominal one",
             "1/s",
             &[0.2, -0.2, -0.1, -0.2, -0.2, 0.0, -0.3, 0.6, -0.9],
         );
@@ -86,7 +86,7 @@ impl System for UnmatchedMimo {
             ),
             use_secant: d.parameter(boolean(
                 "use_secant",
-                "whether sec x2 stands in place of sech x2, as printed; then the motion ends where x2 reaches +-pi/2",
+                "whether sec x2 replaces sech x2, as printed; the motion then ends where x2 reaches +-pi/2",
             )),
             u: d.input(vector("u", 2, "control")),
             x: d.state(vector("x", 3, "state").output().source("Hashim, example 3.4.1")),

@@ -176,15 +176,14 @@ impl Entry {
         role: Role::Composite,
         template: None,
         guide: Guide {
-            purpose: "A whole loop, or a part of one, as one unit: its parts are integrated together, \
-                      nothing is held or delayed between them. Take it for any communication step, or as a \
-                      yardstick.",
-            alone: "With nothing connected it runs: its parts are connected inside.",
+            purpose: "A loop, or a part of one, as a single FMU: its components are integrated together, without \
+                      sampling or delay between them. Use it with any communication step, or as a reference.",
+            alone: "With nothing connected it runs: its components are connected inside.",
             gains: &[],
-            limits: "- Nothing is sampled or delayed between the parts: a controller that runs on a target sees held signals, \
-                     which this unit doesn't show.\n\
-                     - A part can't be replaced: export the loop without it, and connect another one.\n\
-                     - What limits each part limits the whole, too.",
+            limits: "- Nothing is sampled or delayed between the components: a controller on a target gets sampled signals, \
+                     which this FMU doesn't show.\n\
+                     - A component can't be replaced: export the loop without it, and connect another one.\n\
+                     - The limitations of each component apply to the composite, too.",
         },
         choice: &[],
         trial: Trial::NONE,

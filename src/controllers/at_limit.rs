@@ -80,7 +80,7 @@ impl Guarantee {
             v.when(is_at_limit, |v| {
                 v.warn(self.warning, |v| {
                     format!(
-                        "{} is at its limit at t = {} s: that {} stays in its funnel isn't guaranteed while it is",
+                        "{} is at its limit at t = {} s: meanwhile it isn't guaranteed that {} stays in its funnel",
                         v.name(u.at(k)),
                         t.told(),
                         v.name(errors)
@@ -112,14 +112,13 @@ impl AtLimit {
     /// Declares the watch on a control.
     pub fn declare(d: &mut Declaration, limited: Limited) -> Self {
         let m = limited.u.len();
-        let text = "how long a control has stood at its limit without leaving it, the longest of all channels; 0 while none \
-                    does";
+        let text = "time for which a control has been at its limit, the longest of all channels; 0 if none is";
         AtLimit {
             limited,
             side: d.discrete(vector("#limit", m, "").hidden()),
             since: d.discrete(vector("#at the limit since", m, "").hidden()),
             longest: d.discrete(scalar("time_at_limit", text).unit("s").output()),
-            warning: d.warning("logLimit", "a control at its limit for as long as the desired dynamics take to settle"),
+            warning: d.warning("logLimit", "a control at its limit for a settling time"),
         }
     }
 
@@ -158,9 +157,9 @@ impl AtLimit {
                 v.warn(self.warning, |v| {
                     let [u, limit, time] = [v.name(u.at(channel)), v.name(limit.at(channel)), v.name(self.longest)];
                     format!(
-                        "{u} has stood at its limit {limit} for {} s, as long as the desired dynamics take to settle: where \
-                         that lasts, the plant needs more than there is. {time} tells how long; let the reference ask for \
-                         less at a time, or take slower poles",
+                        "{u} has been at its limit {limit} for {} s (one settling time): the actuator may be too weak for \
+                         this reference. {time} shows for how long. Let the reference change more slowly, or choose \
+                         slower poles",
                         longest.rounded()
                     )
                 });

@@ -47,7 +47,7 @@ pub(super) enum OnExit {
 impl Choice for OnExit {
     const TYPE: &'static str = "OnFunnelExit";
     const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Error, "error", "the step is an error: the law is not defined outside"),
+        (Self::Error, "error", "the step is an error: the control law is not defined outside"),
         (Self::Reopen, "reopen", "the channel's funnel opens to 1.25 times the error, and closes again at its rate"),
     ];
 }
@@ -143,7 +143,7 @@ impl Funnel {
                 .collect(),
             began_inside: d.discrete(boolean("#began_inside", "").hidden()),
             reopened: d.discrete(integer("funnel_reopened", "how often a funnel was re-opened").output()),
-            e: d.local(signal("e", "error that is kept within the funnel")),
+            e: d.local(signal("e", "error within the funnel")),
             rho: d.local(signal("rho", "performance function, which bounds the error").source("Hashim (5.3), (6.7)")),
             epsilon: d.local(
                 vector("epsilon", m, "transformed error, which is infinite at the funnel's bounds")

@@ -146,7 +146,7 @@ impl FuzzyGain {
         }
         for (&k_d, known) in self.k_d.iter().flatten().zip(&self.has_rate) {
             v.refuse(!v[k_d].equals(S::from(0.0)) & S::Flag::from(!known), |v| {
-                let allowed = "must be 0: the control enters the rate of this output at once (C B), so that the rate isn't \
+                let allowed = "must be 0: the control has feedthrough to the rate of this output (C B), so that the rate isn't \
                                known from the state";
                 Invalid::new(v.name(k_d), v[k_d].told(), allowed)
             });

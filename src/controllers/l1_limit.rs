@@ -169,7 +169,7 @@ impl System for L1Limit {
             },
             T_f: is_direct.then(|| {
                 let text =
-                    "time constant with which the unmatched uncertainty is differentiated, as u_ad shows it at once";
+                    "time constant with which the unmatched uncertainty is differentiated for its feedthrough to u_ad";
                 d.parameter(scalar("unmatched_filter_time", text).unit("s").start(1e-3).positive())
             }),
             u_ad_start: d

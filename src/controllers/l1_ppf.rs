@@ -77,7 +77,7 @@ impl System for L1Ppf {
         let r = d.input(vector("r", m, "reference").about(&units.of_r, "reference of {}").units(&units.r));
         let order = Order::declare(d, plant, &units, angles.clone())?;
         let ports = Ports::declare(d, r, &units);
-        let gain = "gain of the barrier, in the square of the error's unit per second; 0: the L1 law alone";
+        let gain = "gain of the barrier, in the square of the error's unit per second; 0: only the L1 law";
         let added = vector("u_barrier", m, "what the barrier adds to the control").units(&units.command);
         let beside = Beside {
             now: d.local(added.about(&units.of_u, "what the barrier adds to the {}")),
@@ -285,7 +285,7 @@ impl L1Ppf {
             if self.samples.is_some() { format!("{} = sampled, ", v.name(self.evaluation)) } else { String::new() };
         format!(
             "the communication step {} s is too long for the barrier, which brings an error back at {} 1/s now. Use {} s or \
-             less, {sampled}a smaller {}, a wider funnel, or the loop as one unit",
+             less, {sampled}a smaller {}, a wider funnel, or the loop as a single FMU",
             step.scientific(3),
             rate.scientific(3),
             rate.recip().scientific_at_most(1),

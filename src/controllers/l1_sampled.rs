@@ -184,8 +184,8 @@ impl System for L1Sampled {
         let [A_d, B_d, L_d, L_inverse] = [("#A_d", n), ("#B_d", m), ("#L_d", n), ("#inverse of L_d", n)]
             .map(|(name, columns)| hidden(name, columns));
         let predictor = (structure.estimate == Estimate::Published).then(|| Predictor::declare(d, n, m, &units));
-        let late = "samples that pass from a measurement until its control acts: 0 where a master steps the plant before the \
-                    controller, and in a whole loop as one unit; 1 where it steps both at once";
+        let late = "samples from a measurement until its control acts: 0 if a master steps the plant before the controller, \
+                    and in a composite; 1 if it steps both simultaneously";
         Ok(L1Sampled {
             filter: SampledFilter::declare(d, &structure.of_l1, &plant)?,
             W_0: d.parameter(
@@ -208,7 +208,7 @@ impl System for L1Sampled {
             ),
             delay_steps: d.parameter(integer("delay_steps", late).start(0).within(0, MOST_DELAY as i32).fixed()),
             start: d.parameter(choice::<SampledStart>("u_ad_start", "what the filtered control starts with").fixed()),
-            K_d: d.prepared(matrix("K_d", m, n, "gain of the baseline, for a control that is held")),
+            K_d: d.prepared(matrix("K_d", m, n, "gain of the baseline, for a sampled control")),
             K_gd: d.prepared(matrix("K_g", m, m, "feedforward gain for unit steady-state gain")),
             settling_time: d.prepared(scalar("#settling time", "").hidden()),
             r: d.input(vector("r", m, "reference").about(of_r, "reference of {}").units(r)),
@@ -227,8 +227,8 @@ impl System for L1Sampled {
             },
             zeta: d.discrete(vector("#zeta", m, "").hidden()),
             sigma_hat: d.discrete(
-                vector("sigma_hat", m, "what the plant had beside the control in the last interval, as a control")
-                    .about(of_u, "what the plant had beside the {} in the last interval, as such a control")
+                vector("sigma_hat", m, "uncertainty in the last interval, as an equivalent control")
+                    .about(of_u, "uncertainty in the last interval, as an equivalent {}")
                     .units(u),
             ),
             sigma_other: (n > m).then(|| d.discrete(beside_controls(n - m, plant.B_um.ncols()))),
@@ -344,14 +344,14 @@ impl System for L1Sampled {
 
 /// σ̂_2 along the columns of B_um, so many of all directions that no control reaches.
 fn beside_controls(all: usize, along: usize) -> Spec<Many> {
-    let text = "what the plant had in the last interval that no control reaches";
+    let text = "uncertainty in the last interval that no control reaches";
     let spec = vector("sigma_hat_unmatched", all, text);
     if along == 0 {
         return spec;
     }
     let each = |k: usize| match k {
         k if k < along => format!("{text}, along column {} of B_um: it is cancelled", k + 1),
-        _ => format!("{text}, beside B_um: it isn't cancelled"),
+        _ => format!("{text}, outside B_um: it isn't cancelled"),
     };
     let texts: Vec<_> = (0..all).map(each).collect();
     spec.each(&texts.iter().map(String::as_str).collect::<Vec<_>>())

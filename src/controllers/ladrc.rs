@@ -183,7 +183,7 @@ impl System for Ladrc {
             ),
             u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u)),
             u_0: d.local(
-                vector("u_0", m, "last derivative that the law wants").units(highest).source("Herbst, section 2"),
+                vector("u_0", m, "demand for the last derivative of y").units(highest).source("Herbst, section 2"),
             ),
             unlimited,
             supervised: Supervised::declare(d, limited),

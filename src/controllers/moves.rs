@@ -50,8 +50,8 @@ pub(super) struct Move<S: Scalar> {
 impl Moves {
     /// Declares the watch on m controls.
     pub fn declare(d: &mut Declaration, m: usize, is_stepped: BooleanOf<Memory>) -> Self {
-        let limit = "how far a control may move within a communication step, in parts of its largest magnitude, before \
-                     step_too_long tells";
+        let limit = "motion of a control within a communication step, in parts of its largest magnitude, above which \
+                     step_too_long is true";
         let mut hidden = |name: &str| d.discrete(vector(name, m, "").hidden());
         Moves {
             last: hidden("#last u"),
@@ -123,7 +123,7 @@ impl<S: Scalar> Move<S> {
         let shorter = step * limit * NAMED / part;
         format!(
             "the control has moved by {} of its largest magnitude within a communication step of {} s (limit {}): its peaks and \
-             rms may differ by several per cent from those of the loop as one unit. Try {} s or less{helps}",
+             rms may differ by several per cent from those of the loop as a single FMU. Try {} s or less{helps}",
             part.fixed(2),
             step.scientific(3),
             limit.rounded(),

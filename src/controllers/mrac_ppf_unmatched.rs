@@ -168,7 +168,7 @@ impl System for MracPpfUnmatched {
             }),
             wanted: d.local(hidden("#wanted", m)),
             projection_active: d.discrete(
-                integer("projection_active", "number of estimates that are kept within their bounds").output(),
+                integer("projection_active", "number of estimates limited to their bounds by projection").output(),
             ),
             unlimited,
             supervised: Supervised::declare(d, limited),

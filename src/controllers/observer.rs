@@ -376,7 +376,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     text.table("start");
     write_poles(&mut text, "observer_", &poles, "1/s, poles of A - k_l C: faster than the controller's");
     text.set("known_input", "true", "whether it makes use of the plant's input u");
-    text.comment("The adaptive part is off (0): it is made for signals about 1, and grows with the fourth power of y.");
+    text.comment("The adaptive part has gain 0: it suits signals about 1, and grows with the fourth power of y.");
     text.set("beta0", "0.0", "initial gain of the robust term");
     text.set("Gamma_l", "0.0", "1/s, its adaptation gain, as 10.0");
     text.set("sigma_l", "1e-4", "its leakage");

@@ -17,9 +17,9 @@ pub(super) enum Evaluation {
 impl Choice for Evaluation {
     const TYPE: &'static str = "Law";
     const ITEMS: &'static [(Self, &'static str, &'static str)] = &[
-        (Self::Automatic, "automatic", "sampled in co-simulation; continuous in model exchange and in a whole loop"),
+        (Self::Automatic, "automatic", "sampled in co-simulation; continuous in model exchange and in a composite"),
         (Self::Continuous, "continuous", "at all times; in co-simulation only where the step is short against 1/s"),
-        (Self::Sampled, "sampled", "once a sample time, so that the loop follows the law's own dynamics in it"),
+        (Self::Sampled, "sampled", "once a sample time, over which the control law's dynamics are solved"),
     ];
 }
 
@@ -60,7 +60,7 @@ pub(super) struct Sampling {
 impl Sampling {
     pub fn declare(d: &mut Declaration) -> Self {
         let asked = "time from sample to sample of the sampled law; 0: the length of the first communication step";
-        let used = "time from sample to sample; 0 until it is known, and where the law is continuous";
+        let used = "time from sample to sample; 0 until it is known, and for continuous evaluation";
         Sampling {
             sample_time: d.parameter(scalar("sample_time", asked).unit("s").min(0.0).fixed()),
             clock: {

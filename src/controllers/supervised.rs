@@ -46,7 +46,7 @@ impl Supervised {
         v.when(active, |v| {
             let moved = self.moves.look(self.u, step, v);
             v.put(self.step_too_long, moved.flag);
-            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or a single FMU")));
         });
         v.when(!active, |v| {
             self.moves.begin(v);

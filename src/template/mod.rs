@@ -275,7 +275,7 @@ impl Request<'_> {
         text.set("name", quoted(self.name), "name of the FMU");
         text.set("model", quoted(self.kind), "");
         text.set("description", quoted(page.title), "what it is, in a line");
-        text.suggest("author", quoted("your name"), "as version, license and copyright: said in the FMU");
+        text.suggest("author", quoted("your name"), "as version, license and copyright: written into the FMU");
         text.table("experiment");
         text.set("stop_time", number(stop_time), "s, what a master simulates by default");
         text.set("step", number(step), "s, communication step");

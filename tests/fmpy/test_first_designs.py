@@ -237,7 +237,7 @@ def test_dead_times_and_derivatives_that_are_none_are_refused(tmp_path: Path):
         ("delay = [0.3, 0.07]", "delay = [0.3]", "number of delays = 1: must be 2"),
         ("delay = [0.3, 0.07]", "delay = [0.3, 0.002]", "delay[2] = 0.002: must be 0, or at least 1/100 of the longest"),
         ("delay = [0.3, 0.07]", "delay = [0.3, -1.0]", "delay[2] = -1"),
-        ("delay = [0.3, 0.07]", "output_derivatives = 1", "must be 0: an input shows in this derivative at once"),
+        ("delay = [0.3, 0.07]", "output_derivatives = 1", "must be 0: this derivative has feedthrough from an input"),
         ("delay = [0.3, 0.07]", "output_derivatives = 3", "output_derivatives = 3: must be within 0 … 2"),
     ]:
         (tmp_path / "Late.toml").write_text(LATE.replace(old, new_text))

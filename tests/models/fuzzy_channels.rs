@@ -129,7 +129,7 @@ fn where_the_control_enters_a_rate_there_is_no_weight_of_it() {
     refused(&shared, &["C B: largest entry = 1.000e0", "must be 0", "fuzzy_weights = \"own\""]);
     // One channel of each kind: y_1 is x_1 + .1 x_3, whose rate the control is in.
     let mixed = with(ROBOT, "C = [[1.0, 0.0, 0.0, 0.0]", "C = [[1.0, 0.0, 0.1, 0.0]");
-    refused(&mixed, &["k_d[1] = 0.3333", "must be 0", "the control enters the rate", "C B"]);
+    refused(&mixed, &["k_d[1] = 0.3333", "must be 0", "the control has feedthrough to the rate", "C B"]);
     let one = mixed.replace("k_d = [0.3333333333333333,", "k_d = [0.0,");
     let k_f = |dr: f64| started(&one, &[("r[1]", 0.5), ("r[2]", 0.5), ("dr[1]", dr), ("dr[2]", dr)]);
     let [still, fast] = [k_f(0.0), k_f(2.0)];

@@ -287,7 +287,7 @@ fn a_step_that_the_barriers_do_not_bear_is_told_in_co_simulation() {
         let texts: Vec<_> =
             unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong").collect();
         assert_eq!(texts.len(), usize::from(told));
-        assert!(texts.iter().all(|(.., text)| text.contains("1.11") && text.contains("as one unit")), "{texts:?}");
+        assert!(texts.iter().all(|(.., text)| text.contains("1.11") && text.contains("as a single FMU")), "{texts:?}");
     }
 }
 

@@ -55,7 +55,7 @@ fn a_loop_whose_control_is_off_by_a_quarter_is_flagged_and_one_that_is_right_is_
 fn the_neuro_adaptive_law_tells_of_its_step() {
     let at_the_plant = "x_m0 = [0.6, -0.8, 0.4]";
     let (ever, told) = flagged(&unit("NeuroPpfCoupledMimo", at_the_plant), true, 1e-4, 200);
-    assert!(ever && told.len() == 1 && told[0].contains("as one unit"), "{told:?}");
+    assert!(ever && told.len() == 1 && told[0].contains("as a single FMU"), "{told:?}");
     assert_eq!(flagged(&Unit::new("NeuroPpfCoupledMimo"), false, 1e-4, 500), (false, vec![]));
 }
 

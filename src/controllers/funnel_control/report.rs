@@ -43,7 +43,7 @@ impl FunnelControl {
                     more towards it";
         report.tell(&v.name(self.g), &row(&v[self.g]), "", note);
         let note =
-            "the plant's input gain times it, plus its transpose, must be positive definite; nothing here can tell";
+            "the plant's input gain times it, plus its transpose, must be positive definite; this is not checked";
         report.tell(&v.name(self.G), &v.matrix(self.G).into_owned(), "", note);
         let is_limited = |j: &usize| v[self.u_min][*j] > -UNLIMITED || v[self.u_max][*j] < UNLIMITED;
         for j in (0..self.u.len()).filter(is_limited) {

@@ -63,8 +63,8 @@ pub(super) fn require_rates(plant: &PlantMatrices) -> Result<(), Invalid> {
     if enters_rates(&plant.B, &plant.C).contains(&true) {
         let entered = (&plant.C * &plant.B).amax();
         let allowed = format!(
-            "must be 0: the rate of an output that the control enters at once is not known from the state. With {} = \
-             \"own\" such a channel's gain goes by its error alone",
+            "must be 0: the rate of an output with feedthrough from the control is not known from the state. With {} = \
+             \"own\" such a channel's gain depends on its error only",
             WEIGHTS[0]
         );
         return Err(Invalid::new("C B: largest entry", format!("{entered:.3e}"), allowed));

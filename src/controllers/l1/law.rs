@@ -184,7 +184,7 @@ impl Law {
             origins: Origins::declare(d, turning, "a reference"),
             jumps: Jumps::declare(d, ports.x, &units.x, &angles),
             projection_active: d.discrete(
-                integer("projection_active", "number of estimates that are kept within their bounds").output(),
+                integer("projection_active", "number of estimates limited to their bounds by projection").output(),
             ),
             omega_entries,
             at_bounds: d.warning("logProjection", "estimates at their bounds, or brought back to tightened ones"),

@@ -125,7 +125,7 @@ pub fn write_structure(text: &mut Text, plant: &Plant, desired: &Desired, furthe
     match desired {
         Desired::Own => text.set("baseline", "\"none\"", "the plant moves as desired by itself: A_m is A"),
         Desired::Poles(_) => {
-            text.set("baseline", "\"outside\"", "-K_m x puts the poles of A where pole_real, pole_imag say")
+            text.set("baseline", "\"outside\"", "-K_m x moves the poles of A to those of pole_real, pole_imag")
         }
         Desired::Decoupled(_) => {
             text.set("baseline", "\"outside\"", "-K_m x makes A_m of A");

@@ -68,7 +68,7 @@ impl Order {
             let text = format!("{order} of the reference");
             vector(name, m, &text).about(&units.of_r, &format!("{text} of {{}}"))
         };
-        let weight = vector("error_weight", m, "weight of the transformed error beside its rate").unit("1/s");
+        let weight = vector("error_weight", m, "weight of the transformed error relative to its rate").unit("1/s");
         let order = Order::Second {
             dr: d.input(derivative("dr", "time derivative").units(&rates)),
             ddr: d.input(derivative("ddr", "second time derivative").units(&second_rates)),

@@ -20,9 +20,9 @@ pub struct L1PpfStructure {
 const LEAST: f64 = 1e-12;
 /// Keys of an L1 controller's structure that this law has no use for, each with the reason.
 const NOT_HERE: [(&str, &str); 3] = [
-    ("filter", "this law has the filter D(s) = 1/s alone; leave it out, or take model = \"l1\""),
-    ("unmatched", "this law cancels matched uncertainty alone; leave it out, or take model = \"l1\""),
-    ("B_um", "this law cancels matched uncertainty alone; leave it out, or take model = \"l1\""),
+    ("filter", "this controller has only the filter D(s) = 1/s; leave it out, or use model = \"l1\""),
+    ("unmatched", "this controller cancels only matched uncertainty; leave it out, or use model = \"l1\""),
+    ("B_um", "this controller cancels only matched uncertainty; leave it out, or use model = \"l1\""),
 ];
 
 impl<'de> Deserialize<'de> for L1PpfStructure {

@@ -37,7 +37,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         "how hard the barrier pushes an error back",
     );
     if degree == 2 {
-        text.set("error_weight", all(three_digits(bandwidth), m), "1/s, weight of the error beside its rate");
+        text.set("error_weight", all(three_digits(bandwidth), m), "1/s, weight of the error relative to its rate");
     }
     Ok(started.finish(request))
 }

@@ -60,7 +60,7 @@ impl L1SampledStructure {
     pub(super) fn plant(&self) -> Result<PlantMatrices, Invalid> {
         let plant = self.of_l1.plant()?;
         if self.of_l1.commands == Commands::Acceleration {
-            let allowed = "must be \"control\": nominal_input_gain says what a control does";
+            let allowed = "must be \"control\": nominal_input_gain is the effect of a control";
             return Err(Invalid::new("commands", "\"acceleration\"", allowed));
         }
         Ok(plant)

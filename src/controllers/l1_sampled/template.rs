@@ -19,7 +19,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.table("start");
     tell(&mut text, (&plant, bandwidth), &design, request);
     text.set("sample_time", number(design.step), "s, how often it acts; a master's step, or a multiple of it");
-    text.set("delay_steps", 1, "0: the plant is stepped before the controller; 1: both at once");
+    text.set("delay_steps", 1, "0: the plant is stepped before the controller; 1: both simultaneously");
     text.set("nominal_input_gain", diagonal(1.0, m), "W_0: what the controls do, in columns of B");
     write_dynamics(&mut text, &design);
     text.set("feedback_gain", all(design.feedback_gain, m), "1/s, bandwidth with which uncertainty is cancelled");

@@ -54,7 +54,7 @@ impl Ladrc {
         }
         let B_0 = v.matrix(self.B_0).into_owned();
         report.section("Input gain");
-        let note = "how the control shows in the last derivatives; what it is off by is rejected like any disturbance";
+        let note = "gain from the control to the last derivatives; its error is rejected like any disturbance";
         report.tell(&v.name(self.B_0), &B_0, "", note);
     }
 
@@ -84,7 +84,7 @@ impl Ladrc {
             Some(delay) if delay > 1.5 * report.step => report.tell("delay margin", delay, "s", &note),
             Some(delay) => {
                 let lag = number(1.5 * report.step);
-                let note = format!("{note}. Sampling alone may delay by {lag} s, 1.5 communication steps");
+                let note = format!("{note}. Sampling by itself may delay by {lag} s, 1.5 communication steps");
                 report.judge("delay margin", delay, "s", Verdict::Warning, note);
             }
             None => report.tell_unlimited("delay margin", "s", "the loop's gain is nowhere 1"),

@@ -38,7 +38,7 @@ impl Mrac {
         self.supervised.judge(too_long, v, |v: &Values<S>| {
             format!(
                 "a control is constant for {} s, too long for the adaptation, which turns at {} rad/s with these signals. Use {} s or \
-                 less, {} s where the plant is stepped first, a smaller {}, or the loop as one unit",
+                 less, {} s where the plant is stepped first, a smaller {}, or the loop as a single FMU",
                 acts.scientific(3),
                 frequency.scientific(3),
                 at_once.scientific_at_most(1),

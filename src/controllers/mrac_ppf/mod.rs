@@ -159,7 +159,7 @@ impl System for MracPpf {
                 scalar("switching_width", "epsilon within which the sign is smoothed, phi").start(0.01).positive(),
             ),
             x_m0: d.parameter(vector("x_m0", n, "initial state of the reference model").units(&unit_x).fixed()),
-            law: d.parameter(Evaluation::parameter("when the law is evaluated").type_name("MracLaw")),
+            law: d.parameter(Evaluation::parameter("evaluation of the control law").type_name("MracLaw")),
             prediction_steps: d.parameter(prediction_steps()),
             u_min: d.parameter(limit("u_min", "smallest").no_lower_limit()),
             u_max: d.parameter(limit("u_max", "largest").no_upper_limit()),
@@ -177,11 +177,11 @@ impl System for MracPpf {
             step_too_long: d.discrete(
                 boolean(
                     "step_too_long",
-                    "whether the communication step is too long for the law or for the control, or longer than the sample time",
+                    "whether the communication step is too long for the control law or the control, or longer than the sample time",
                 )
                 .output(),
             ),
-            long_step: d.warning("logStepTooLong", "communication step too long for the law or the control"),
+            long_step: d.warning("logStepTooLong", "communication step too long for the control law or the control"),
             bounded: Bounded::declare(d, n),
             origins: Origins::declare(d, turning::turning(&angles, &A), "a reference"),
             jumps: Jumps::declare(d, x, &unit_x, &angles),
@@ -379,7 +379,7 @@ impl MracPpf {
             v.warn(self.long_step, |v| {
                 format!(
                     "the communication step {} s is too long for the continuous law with these gains, whose error decays at \
-                     {} 1/s where the plant's input gain is 1. Use {} s or less, {} = sampled, or the loop as one unit",
+                     {} 1/s where the plant's input gain is 1. Use {} s or less, {} = sampled, or the loop as a single FMU",
                     step.scientific(3),
                     rate.scientific(3),
                     longest.scientific_at_most(1),
@@ -387,7 +387,7 @@ impl MracPpf {
                 )
             });
         });
-        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, |_| moved.told(step, ", or a single FMU")));
     }
 }
 

@@ -94,7 +94,7 @@ impl MracPpf {
             v.warn(self.long_step, |v| clock.told_overrun(step, v, &v.name(*sample_time)));
         });
         // The control moves once a sample.
-        let told = |_: &Values<S>| moved.told(larger(step, period), ", or the loop as one unit");
+        let told = |_: &Values<S>| moved.told(larger(step, period), ", or a single FMU");
         v.when(moved.flag & !too_long, |v| v.warn(self.long_step, told));
     }
 }

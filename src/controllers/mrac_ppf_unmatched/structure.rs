@@ -75,7 +75,7 @@ impl UnmatchedStructure {
         let reached = reached_rows(&B);
         let m = B.ncols();
         if reached.len() != m {
-            let allowed = format!("must be {m}, one a control: the law can't share a control among rows");
+            let allowed = format!("must be {m}, one a control: rows can't share a control");
             return Err(Invalid::new("rows of B that aren't zero", reached.len(), allowed));
         }
         let of_reached = B.select_rows(&reached);
@@ -123,7 +123,7 @@ impl UnmatchedStructure {
         }
         let is_known = |row: &usize| reached.contains(row) || found.iter().any(|known| known.row == *row);
         if let Some(missing) = (0..n).find(|row| !is_known(row)) {
-            let allowed = "must say by which state each row is driven that is zero in B";
+            let allowed = "must give the state that drives each row that is zero in B";
             return Err(Invalid::new("unmatched", format!("nothing of row {}", missing + 1), allowed));
         }
         Ok(found)

@@ -37,7 +37,7 @@ impl MracPpfUnmatched {
         self.supervised.judge(too_long, v, |_| {
             format!(
                 "the communication step {} s is too long for the barrier of a funnel, which brings its error back at {} 1/s. Use \
-                 {} s or less, twice that where the plant is stepped first, or the loop as one unit",
+                 {} s or less, twice that where the plant is stepped first, or the loop as a single FMU",
                 step.scientific(3),
                 stiffness.scientific(3),
                 stiffness.recip().scientific_at_most(1)
@@ -61,7 +61,7 @@ impl MracPpfUnmatched {
             v.warn(self.at_bounds, |v| {
                 let [theta_bound, sigma_bound] = [self.theta_bound, self.sigma_bound].map(|it| v.name(it));
                 format!(
-                    "{} of the estimates at a bound: where that lasts, the barriers alone answer what is beyond it. Widen \
+                    "{} of the estimates at a bound: if this lasts, only the barriers act against the rest. Widen \
                      {theta_bound} or {sigma_bound} if tracking suffers",
                     count.told()
                 )

@@ -63,7 +63,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     text.set("decay_rate", all(three_digits(0.5 * bandwidth), n), "1/s, how fast the bounds narrow");
     text.set("on_funnel_exit", "\"reopen\"", "\"error\": a step in which an error leaves is refused");
     text.set("K_epsilon", list(&numbers.K), "gain of the barriers");
-    text.set("gamma", list(&numbers.gamma), "adaptation gains; in unmatched rows check tells how large");
+    text.set("gamma", list(&numbers.gamma), "adaptation gains; check reports the largest ones for unmatched rows");
     text.set("theta_bound", list(&numbers.theta), "bounds of the estimates");
     text.set("theta_leakage", list(&numbers.leakage), "so that noise doesn't drive theta_hat");
     text.set("sigma_bound", list(&numbers.sigma), "and of those of disturbances");

@@ -247,7 +247,7 @@ impl System for NeuroPpf {
         self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         let moved = self.moves.look(self.u, step, v);
         v.put(self.step_too_long, moved.flag);
-        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or the loop as one unit")));
+        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or a single FMU")));
     }
 }
 

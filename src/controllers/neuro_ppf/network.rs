@@ -73,7 +73,7 @@ impl Network {
             }
         };
         if !structure.weights.is_empty() || !structure.biases.is_empty() {
-            return Err(Invalid::because("weights, biases: go with rule = \"given\" alone"));
+            return Err(Invalid::because("weights, biases: allowed only with rule = \"given\""));
         }
         let neurons = size(structure.neurons.unwrap_or(0))?;
         Ok(Network {

@@ -52,7 +52,7 @@ impl Order {
             dr: d.input(derivative("dr", "time derivative").units(&rates)),
             ddr: d.input(derivative("ddr", "second time derivative").units(&second_rates)),
             lambda: d.parameter(
-                vector("lambda", m, "weight of the transformed error beside its rate")
+                vector("lambda", m, "weight of the transformed error relative to its rate")
                     .unit("1/s")
                     .start(0.75)
                     .positive(),

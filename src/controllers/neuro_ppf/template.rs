@@ -68,7 +68,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     if degree == 1 {
         text.set("A_m", diagonal(-W, m), "1/s, reference model x_m' = A_m (x_m - r)");
     } else {
-        text.set("lambda", all(three_digits(0.5 * W), m), "1/s, weight of the error beside its rate");
+        text.set("lambda", all(three_digits(0.5 * W), m), "1/s, weight of the error relative to its rate");
     }
     // Numbers that do the same in any unit and at any speed.
     let size = references.iter().copied().fold(f64::INFINITY, f64::min);

@@ -62,7 +62,7 @@ impl Pid {
         let note = format!("of {of_K_p} and {of_K_d}: the derivative acts from there up to {of_N}");
         if N < APART * K_p / K_d {
             let least = at_least(APART * K_p / K_d);
-            let note = format!("{note}, which leaves it hardly any effect: {of_N} of {least} rad/s or more mends it");
+            let note = format!("{note}, which leaves it hardly any effect. Choose {of_N} of {least} rad/s or more");
             report.judge("corner frequency", K_p / K_d, "rad/s", Verdict::Warning, note);
         } else {
             report.tell("corner frequency", K_p / K_d, "rad/s", &note);
@@ -78,15 +78,15 @@ impl Pid {
         let (of_D, of_N) = (v.name(self.D.at(i)), v.name(self.N.at(i)));
         let note = format!("part of {of_D} that is left at the end of a communication step of {} s", number(H));
         if kept >= KEPT {
-            report.tell("derivative held", kept, "", &note);
+            report.tell("sampled derivative", kept, "", &note);
             return;
         }
         let (step, rate) = (at_most(LONGEST / N), at_most(LONGEST / H));
         let note = format!(
-            "{note}, through which the output is held. A step of {step} s or less, or {of_N} of {rate} rad/s or less, \
+            "{note} with a constant output. A step of {step} s or less, or {of_N} of {rate} rad/s or less, \
              leaves {KEPT}; input_handling = interpolate leaves all of it"
         );
-        report.judge("derivative held", kept, "", Verdict::Warning, note);
+        report.judge("sampled derivative", kept, "", Verdict::Warning, note);
     }
 
     /// Reports the limits of a controller that has some.
@@ -102,7 +102,7 @@ impl Pid {
             report.tell(&name, time, "s", &format!("with which {of_I} follows what the limits leave"));
         } else {
             let given = v.name(self.tracking_time.at(i));
-            let note = format!("{of_I} winds up while a control is at its limit: {given} = {BY_GAINS} mends it");
+            let note = format!("{of_I} winds up while a control is at its limit. Set {given} = {BY_GAINS}");
             report.judge(&name, "off", "s", Verdict::Warning, note);
         }
     }

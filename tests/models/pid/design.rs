@@ -46,7 +46,7 @@ fn the_report_tells_what_a_held_output_leaves_of_the_derivative() {
     for (N, H, verdict) in [(100.0, 1e-3, Verdict::Ok), (100.0, 0.01, Verdict::Warning), (20.0, 0.02, Verdict::Ok)] {
         let start = format!("K_p = [1.0]\nK_d = [1.0]\nN = [{N:?}]");
         let found = findings(&start, H);
-        let found = finding(&found, "derivative held").unwrap();
+        let found = finding(&found, "sampled derivative").unwrap();
         let Value::Number(kept) = found.value else { panic!("{found:?}") };
         // A ramp of slope −1 that comes in steps, until all that happens repeats itself.
         for (handling, kept) in [("hold", kept), ("interpolate", 1.0)] {
@@ -60,7 +60,7 @@ fn the_report_tells_what_a_held_output_leaves_of_the_derivative() {
         assert_eq!(found.verdict, verdict);
         assert_eq!(verdict == Verdict::Warning, found.note.contains("A step of 0.0043 s or less"), "{found:?}");
     }
-    assert!(finding(&findings("K_p = [1.0]", 0.01), "derivative held").is_none());
+    assert!(finding(&findings("K_p = [1.0]", 0.01), "sampled derivative").is_none());
 }
 
 #[test]
