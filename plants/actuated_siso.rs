@@ -145,7 +145,7 @@ impl Terms {
             mean: coefficients("coefficient_mean", ": its mean, where it varies", &[1.0, 0.5, 0.3, 0.5]),
             amplitude: coefficients("coefficient_amplitude", ": its amplitude, where it varies", &[1.0, 2.0, 1.0]),
             z_coefficient: d.parameter(scalar("z_coefficient", "coefficient of z^2, where it is constant").start(1.0)),
-            uncertainty: d.parameter(choice::<Uncertainty>("uncertainty", "what the unknown part f of the plant is")),
+            uncertainty: d.parameter(choice::<Uncertainty>("uncertainty", "unknown part f of the plant")),
         }
     }
 

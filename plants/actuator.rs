@@ -58,16 +58,14 @@ impl System for Actuator {
             time_constant: d
                 .parameter(vector("time_constant", m, "time constant of the lag; 0: none").unit("s").min(0.0)),
             gain: d.parameter(vector("gain", m, "part of it that takes effect; 1: all of it").start(1.0)),
-            bias: d.parameter(parameter("bias", "constant that is added to what takes effect", 0.0)),
+            bias: d.parameter(parameter("bias", "constant that is added to the output", 0.0)),
             clock,
             lag: Lag::declare(d, &units),
             working_time_constant: d.prepared(vector("#working time constant", m, "").hidden()),
             samples: d.prepared(scalar("#samples", "").hidden()),
             u: d.input(vector("u", m, "command").about(&quantities, "commanded {}").units(&units)),
             y: d.output(
-                vector("y", m, "what the actuator gives")
-                    .about(&quantities, "{} that the actuator gives")
-                    .units(&units),
+                vector("y", m, "output of the actuator").about(&quantities, "{} that the actuator gives").units(&units),
             ),
         })
     }

@@ -200,7 +200,7 @@ pub(super) struct Lag {
 
 impl Lag {
     pub fn declare(d: &mut Declaration, units: &[&'static str]) -> Self {
-        let (m, text) = (units.len(), "state of the lag; it stands still where there is none");
+        let (m, text) = (units.len(), "state of the lag; constant without a lag");
         Lag { x: d.state(vector("x", m, text).units(units)), acts: d.discrete(vector("#lag acts", m, "").hidden()) }
     }
 

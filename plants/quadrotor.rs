@@ -105,9 +105,7 @@ impl System for Quadrotor {
                 vector("y", 4, "").each(&outputs.each_ref().map(String::as_str)).units(&["m", "m", "m", "rad"]),
             ),
             thrust: d.local(
-                scalar("thrust", "thrust that acts, within its limits and less what rotors lack")
-                    .unit("N")
-                    .nominal(5.0),
+                scalar("thrust", "acting thrust, within its limits and less the loss of rotors").unit("N").nominal(5.0),
             ),
         })
     }

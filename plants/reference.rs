@@ -318,7 +318,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     write_channels(&mut text, m, &signals);
     write_names(&mut text, &[("r", named(&signals, "_reference"))]);
     text.table("start");
-    text.comment("r = s(t) (offset + slope t + cosine + sine + square) + steps; what isn't set is 0.");
+    text.comment("r = s(t) (offset + slope t + cosine + sine + square) + steps; parameters that aren't set are 0.");
     let heights = request.references(m)?;
     for (i, height) in (1..).zip(&heights) {
         text.set(&format!("\"step_time[{i},1]\""), "1.0", "s, when the first of four steps is taken");

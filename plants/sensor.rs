@@ -59,7 +59,7 @@ impl System for Sensor {
             samples: d.prepared(scalar("#samples", "").hidden()),
             noise: d.discrete(vector("#noise", m, "").hidden()),
             held: d.discrete(vector("#held", m, "").hidden()),
-            u: d.input(vector("u", m, "what is measured").about(&quantities, "{} that is measured").units(&units)),
+            u: d.input(vector("u", m, "measured signal").about(&quantities, "{} that is measured").units(&units)),
             y: d.output(vector("y", m, "measured value").about(&quantities, "measured {}").units(&units)),
         })
     }

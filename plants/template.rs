@@ -19,7 +19,7 @@ pub fn write_channels(text: &mut Text, m: usize, signals: &Signals) {
         text.set("units", texts(&signals.units), "of the channels");
     }
     if !signals.quantities().is_empty() {
-        text.set("quantities", texts(&signals.quantities()), "what the channels are, for descriptions of variables");
+        text.set("quantities", texts(&signals.quantities()), "quantities, for descriptions of variables");
     }
 }
 

@@ -202,7 +202,8 @@ impl Filter {
         let seconds = |name: &str, text: &str, start| scalar(name, text).unit("s").start(start);
         Filter {
             z0: d.parameter(vector("z_u0", 2, "initial state of the filter z_u(s)").units(&units).fixed()),
-            weight: d.parameter(vector("z_u_weight", 3, "weight of x in what excites z_u").starts(&[1.0, -2.0, 1.0])),
+            weight: d
+                .parameter(vector("z_u_weight", 3, "weight of x in the excitation of z_u").starts(&[1.0, -2.0, 1.0])),
             zero_time: d.parameter(seconds("z_u_zero_time", "time constant of the zero of z_u(s), on the right", 1.0)),
             time_constant: d.parameter(
                 seconds("z_u_time_constant", "time constant of z_u(s), the inverse of its natural frequency", 10.0)

@@ -192,9 +192,8 @@ impl System for FunnelControl {
         };
         let r = known(["r", "dr", "ddr"], ("reference", "reference of {}"));
         let y = known(["y", "dy", "ddy"], ("measured output of the plant", "measured {}"));
-        let text = "rate at which what a take-over without a jump has left in the control decays";
-        let direction =
-            "direction: what a channel asks for, in controls. With the plant's input gain it must be positive definite";
+        let text = "decay rate of the control's offset after a take-over without a jump";
+        let direction = "direction: from demands to controls. With the plant's input gain it must be positive definite";
         Ok(FunnelControl {
             bounds: Bounds::declare(d, "the error", "", (&y_units, &of_y)),
             errors: match form {
@@ -217,7 +216,7 @@ impl System for FunnelControl {
                 matrix("G", m, m, direction).identity().units(&of_matrix(&u_units, &derivatives[relative_degree])?),
             ),
             takeover_rate: d.parameter(scalar("takeover_rate", text).unit("1/s").start(1.0).min(0.0)),
-            u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u_units)),
+            u_b: d.state(vector("u_b", m, "the control's offset after a take-over without a jump").units(&u_units)),
             e: d.local(vector("e", m, "error, y - r").about(&of_y, "error of {}, y - r").units(&y_units)),
             parts: d.local(
                 matrix(

@@ -84,7 +84,7 @@ impl Weights {
         let k_e = k_e.declare(held, channels, d);
         let scale = Number {
             limits: Limits::Positive,
-            ..number("fuzzy_scale", "factor of what the inference gives in the feedback gain", one, 1.0)
+            ..number("fuzzy_scale", "factor from the inference to the feedback gain", one, 1.0)
         };
         let scale = (held == Held::Own).then(|| scale.declare(held, channels, d));
         Weights { k_p, k_d, k_e, scale }
@@ -105,7 +105,7 @@ impl FuzzyGain {
             k_e,
             scale,
             has_rate: channels.has_rate.to_vec(),
-            fuzzy_output: d.parameter(choice::<FuzzyOutput>("fuzzy_output", "what the inference gives")),
+            fuzzy_output: d.parameter(choice::<FuzzyOutput>("fuzzy_output", "output of the inference")),
             constant_gain: Number {
                 name: "constant_gain",
                 text: "k_f without inference, where fuzzy_output = constant",

@@ -163,7 +163,7 @@ impl System for L1Limit {
                 d.parameter(vector("nominal_inertia", m, text).units(inertia).start(1.0).positive())
             }),
             tracking_time: {
-                let text = "time with which u_ad follows what the limits of the control leave, so that it doesn't wind up; \
+                let text = "time constant with which u_ad tracks the limited control (anti-windup); \
                             -1 s: 1/K, 0: off";
                 d.parameter(vector("tracking_time", m, text).unit("s").start(BY_GAIN).min(BY_GAIN))
             },
@@ -172,8 +172,7 @@ impl System for L1Limit {
                     "time constant with which the unmatched uncertainty is differentiated for its feedthrough to u_ad";
                 d.parameter(scalar("unmatched_filter_time", text).unit("s").start(1e-3).positive())
             }),
-            u_ad_start: d
-                .parameter(choice::<LinearStart>("u_ad_start", "what the filtered control starts with").fixed()),
+            u_ad_start: d.parameter(choice::<LinearStart>("u_ad_start", "start of the filtered control").fixed()),
             K_g: d.prepared(matrix("K_g", m, m, "feedforward gain -(C A_m^-1 B)^-1 for unit steady-state gain")),
             settling_time: d.prepared(scalar("#settling time", "").hidden()),
             L: d.prepared(matrix("#L", order, n, "").hidden()),

@@ -78,9 +78,9 @@ impl System for L1Ppf {
         let order = Order::declare(d, plant, &units, angles.clone())?;
         let ports = Ports::declare(d, r, &units);
         let gain = "gain of the barrier, in the square of the error's unit per second; 0: only the L1 law";
-        let added = vector("u_barrier", m, "what the barrier adds to the control").units(&units.command);
+        let added = vector("u_barrier", m, "contribution of the barrier to the control").units(&units.command);
         let beside = Beside {
-            now: d.local(added.about(&units.of_u, "what the barrier adds to the {}")),
+            now: d.local(added.about(&units.of_u, "contribution of the barrier to the {}")),
             at_takeover: d.discrete(vector("#u_barrier, at the start", m, "").hidden()),
         };
         let errors = if is_first { (&units.x, &units.of_x) } else { (&units.r, &units.of_r) };

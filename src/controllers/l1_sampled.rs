@@ -193,7 +193,7 @@ impl System for L1Sampled {
                     "nominal_input_gain",
                     m,
                     m,
-                    "nominal input gain W_0: what the controls do, in columns of B; must have an inverse",
+                    "nominal input gain W_0: effect of the controls, in columns of B; must have an inverse",
                 )
                 .identity(),
             ),
@@ -207,13 +207,13 @@ impl System for L1Sampled {
                     .fixed(),
             ),
             delay_steps: d.parameter(integer("delay_steps", late).start(0).within(0, MOST_DELAY as i32).fixed()),
-            start: d.parameter(choice::<SampledStart>("u_ad_start", "what the filtered control starts with").fixed()),
+            start: d.parameter(choice::<SampledStart>("u_ad_start", "start of the filtered control").fixed()),
             K_d: d.prepared(matrix("K_d", m, n, "gain of the baseline, for a sampled control")),
             K_gd: d.prepared(matrix("K_g", m, m, "feedforward gain for unit steady-state gain")),
             settling_time: d.prepared(scalar("#settling time", "").hidden()),
             r: d.input(vector("r", m, "reference").about(of_r, "reference of {}").units(r)),
             dr: d.input(
-                vector("dr", m, "rate of the reference, by which it is known where the control acts")
+                vector("dr", m, "rate of the reference, which predicts it until the control acts")
                     .about(of_r, "rate of the reference of {}")
                     .units(&rates),
             ),

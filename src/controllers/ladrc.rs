@@ -151,7 +151,7 @@ impl System for Ladrc {
                     "B_0",
                     m,
                     m,
-                    "nominal input gain: how the control shows in the last derivative; must have an inverse",
+                    "nominal input gain: from the control to the last derivative; must have an inverse",
                 )
                 .identity()
                 .units(&of_gain),
@@ -177,11 +177,11 @@ impl System for Ladrc {
             in_command: InCommand::declare(d, "it takes over without a jump", manual(&u, &of_u)),
             u_achieved: achieved(d, is_known, (&u, &of_u)),
             z: d.state(
-                matrix("z", m, n + 1, "estimates of the output, its derivatives, and what drives the last of them")
+                matrix("z", m, n + 1, "estimates of the output, its derivatives, and the total disturbance")
                     .units(&derivatives.concat())
                     .source("Herbst, section 2"),
             ),
-            u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u)),
+            u_b: d.state(vector("u_b", m, "the control's offset after a take-over without a jump").units(&u)),
             u_0: d.local(
                 vector("u_0", m, "demand for the last derivative of y").units(highest).source("Herbst, section 2"),
             ),

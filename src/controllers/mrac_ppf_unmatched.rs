@@ -131,7 +131,7 @@ impl System for MracPpfUnmatched {
                     .start(0.1)
                     .positive(),
             ),
-            x_m_start: d.parameter(choice::<ModelStart>("x_m_start", "what the reference model starts with").fixed()),
+            x_m_start: d.parameter(choice::<ModelStart>("x_m_start", "start of the reference model").fixed()),
             x_m0: d.parameter(
                 of_state(
                     "x_m0",
@@ -141,7 +141,7 @@ impl System for MracPpfUnmatched {
                 .fixed(),
             ),
             takeover_rate: {
-                let text = "rate at which what a take-over without a jump has left in the control decays";
+                let text = "decay rate of the control's offset after a take-over without a jump";
                 d.parameter(scalar("takeover_rate", text).unit("1/s").start(1.0).min(0.0))
             },
             K_g: d.prepared(
@@ -160,7 +160,7 @@ impl System for MracPpfUnmatched {
             ),
             theta_hat: d.state(matrix("theta_hat", n, n, "estimate of theta, a column for each row of the plant")),
             sigma_hat: d.state(vector("sigma_hat", n, "estimate of the disturbance of each row").units(&rates)),
-            u_b: d.state(vector("u_b", m, "what a take-over without a jump has left in the control").units(&u_units)),
+            u_b: d.state(vector("u_b", m, "the control's offset after a take-over without a jump").units(&u_units)),
             alpha: (!plant.unmatched.is_empty()).then(|| {
                 let units: Vec<_> = plant.unmatched.iter().map(|driven| x_units[driven.by]).collect();
                 let text = "virtual control: what the state that drives an unmatched row is to be";

@@ -367,7 +367,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     let step = round_down(0.1 / fastest);
     let mut text = request.begin(&Observer::PAGE, stop_time(bandwidth), step);
     text.table("structure");
-    write_plant(&mut text, &plant, "what is measured");
+    write_plant(&mut text, &plant, "measured outputs");
     text.set("observer_dynamics", "\"poles\"", "\"gain\": observer_gain is given in place of poles");
     write_units(&mut text, &[("x", &plant.x, n), ("y", &plant.y, m), ("u", &plant.u, m)]);
     write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);

@@ -116,7 +116,7 @@ impl System for Pid {
         let gain = |name: &str, text: &str| vector(name, m, text).min(0.0);
         let weight = |name: &str, text: &str| vector(name, m, text).start(1.0);
         let [of_y, of_u] = structure.quantities.of_signals(m)?;
-        let tracking = "time with which the integral follows what the limits leave, so that it doesn't wind up; -1 s: by \
+        let tracking = "time constant with which the integral tracks the limited control (anti-windup); -1 s: by \
                         the gains, 0: off";
         let limited = Limited::declare(d, (u, &of_u), "that the actuator can give", "");
         let unlimited = unlimited(d, m);
@@ -135,7 +135,7 @@ impl System for Pid {
                     .positive(),
             ),
             S: d.parameter(
-                matrix("S", m, m, "decoupling: what a channel asks for, in controls; must have an inverse")
+                matrix("S", m, m, "decoupling: from the channels' demands to the controls; must have an inverse")
                     .identity()
                     .units(&units.S),
             ),
@@ -150,7 +150,7 @@ impl System for Pid {
             w: d.state(vector("w", m, "c r - y behind the derivative's filter").units(y)),
             P: d.local(vector("P", m, "proportional part").units(v)),
             D: d.local(vector("D", m, "derivative part").units(v)),
-            v: d.local(vector("v", m, "what the channel asks for, P + I + D").units(v)),
+            v: d.local(vector("v", m, "demand of the channel, P + I + D").units(v)),
             cut: d.local(vector("#u - S v", m, "").hidden()),
             unlimited,
             supervised: Supervised::declare(d, limited),

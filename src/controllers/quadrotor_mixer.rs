@@ -40,7 +40,7 @@ impl System for QuadrotorMixer {
             f: d.output(rotor_forces("f", "")),
             achieved: d.output(control("achieved", controls.map(|control| format!("{control} that the rotors give")))),
             saturated: d.discrete(boolean("saturated", saturated).output()),
-            indicator: d.indicators(["whether the rotors give what is commanded"]),
+            indicator: d.indicators(["whether the rotors give the commanded control"]),
         })
     }
 

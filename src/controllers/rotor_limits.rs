@@ -90,7 +90,7 @@ impl RotorLimits {
         unlimited: VectorOf<Signal>,
         u_manual: VectorOf<Input>,
     ) -> Self {
-        let is_on = "whether the controller knows the rotors' limits: u is then what the rotors give";
+        let is_on = "whether the controller knows the rotors' limits: u is then the achieved control";
         RotorLimits {
             is_on: d.parameter(boolean("rotor_limits", is_on)),
             parameters: RotorParameters::declare(d),

@@ -36,7 +36,7 @@ impl Evaluation {
         v: &mut Point<S>,
     ) {
         v.refuse(v.get(law).is(Evaluation::Sampled) & !v.get(is_stepped), |v| {
-            let allowed = "must be continuous or automatic: only a unit that is stepped in co-simulation is sampled";
+            let allowed = "must be continuous or automatic: only an FMU that is stepped in co-simulation is sampled";
             Invalid::new(v.name(law), "sampled", allowed)
         });
     }

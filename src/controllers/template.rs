@@ -19,7 +19,7 @@ pub fn require_no_delay(plant: &Plant) -> Result<(), Invalid> {
         return Ok(());
     }
     Err(Invalid::because(
-        "delay: a law that keeps errors within funnels takes no dead time. `new pid` or `new ladrc` may find a controller",
+        "delay: a controller with funnels takes no dead time. `new pid` or `new ladrc` may find a controller",
     ))
 }
 

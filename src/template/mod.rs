@@ -274,10 +274,10 @@ impl Request<'_> {
         text.comment(&format!("What each key means: docs/description.md; the equations: docs/{}.md.", page.place));
         text.set("name", quoted(self.name), "name of the FMU");
         text.set("model", quoted(self.kind), "");
-        text.set("description", quoted(page.title), "what it is, in a line");
+        text.set("description", quoted(page.title), "in one line");
         text.suggest("author", quoted("your name"), "as version, license and copyright: written into the FMU");
         text.table("experiment");
-        text.set("stop_time", number(stop_time), "s, what a master simulates by default");
+        text.set("stop_time", number(stop_time), "s, default stop time of a master");
         text.set("step", number(step), "s, communication step");
         text
     }
@@ -334,7 +334,7 @@ pub fn write_quantities(text: &mut Text, signals: &[(&str, Vec<String>)]) {
         text.set(
             "quantities",
             format!("{{ {} }}", entries.join(", ")),
-            "what the signals are, for descriptions of variables",
+            "quantities of the signals, for descriptions of variables",
         );
     }
 }

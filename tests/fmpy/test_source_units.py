@@ -253,7 +253,7 @@ int main(void)
     subprocess.run(["gcc", *flags, main, "-lm", "-o", program], check=True)
     told = subprocess.run([program], capture_output=True, text=True, check=False)
     assert told.returncode == 0, told.stderr
-    assert "only a unit that is stepped in co-simulation is sampled" in told.stdout
+    assert "only an FMU that is stepped in co-simulation is sampled" in told.stdout
 
 
 def largest_error_of_generic_units(unit: Callable[..., Unit]) -> float:

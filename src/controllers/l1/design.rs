@@ -174,7 +174,7 @@ impl Design {
             "angle through which the adaptation may turn in a communication step; check advises steps that keep to it";
         let closed_form = "angle through which the adaptation turns in a step from which on the closed form is taken, in \
                            co-simulation, for a tolerance of 1e-6; below, a general method is less work";
-        let tracking = "time with which u_ad follows what the limits of the control leave, so that it doesn't wind up; \
+        let tracking = "time constant with which u_ad tracks the limited control (anti-windup); \
                         -1 s: 1/K, 0: off";
         let inertia = "nominal inertia that turns a commanded acceleration into the control";
         Ok(Design {

@@ -133,8 +133,7 @@ impl Law {
             regressor_gains: structure.regressor_gains(n)?,
             baseline: structure.baseline,
             design,
-            u_ad_start: d
-                .parameter(choice::<AdaptiveStart>("u_ad_start", "what the adaptive control starts with").fixed()),
+            u_ad_start: d.parameter(choice::<AdaptiveStart>("u_ad_start", "start of the adaptive control").fixed()),
             ports,
             x_hat: d.state(
                 vector("x_hat", n, "state of the predictor")

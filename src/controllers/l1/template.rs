@@ -108,7 +108,7 @@ pub fn begin(request: &Request, page: &Page, varies: [f64; 2], keys: &[[&str; 3]
     text.set("theta_bound", rows(&design.theta_bound), "of each element of theta, in the unit of u");
     text.set("sigma_bound", list(&design.sigma_bound), "of the disturbance, in the unit of u");
     write_limits(&mut text, Some(&plant), m);
-    text.set("tracking_time", all(-1.0, m), "s, u_ad follows what the limits leave; -1: 1/K, 0: off, it winds up");
+    text.set("tracking_time", all(-1.0, m), "s, u_ad tracks the limited control; -1: 1/K, 0: off, it winds up");
     Ok(Started { text, bandwidth, design })
 }
 
@@ -121,7 +121,7 @@ fn spread(design: &Design) -> DMatrix<f64> {
 pub fn write_structure(text: &mut Text, plant: &Plant, desired: &Desired, further: impl FnOnce(&mut Text)) {
     let (n, m, _) = plant.sizes();
     text.table("structure");
-    write_plant(text, plant, "what is to follow the reference");
+    write_plant(text, plant, "outputs that follow the reference");
     match desired {
         Desired::Own => text.set("baseline", "\"none\"", "the plant moves as desired by itself: A_m is A"),
         Desired::Poles(_) => {

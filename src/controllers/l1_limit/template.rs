@@ -20,7 +20,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let gain = diagonal(design.feedback_gain, m);
     text.set("feedback_gain", gain, "1/s, K: bandwidth with which uncertainty is cancelled");
     write_limits(&mut text, Some(&plant), m);
-    text.set("tracking_time", all(-1.0, m), "s, u_ad follows what the limits leave; -1: 1/K, 0: off, it winds up");
+    text.set("tracking_time", all(-1.0, m), "s, u_ad tracks the limited control; -1: 1/K, 0: off, it winds up");
     write_magnitudes(&mut text, request.plant.as_ref(), (&design.references, bandwidth), |of| {
         vec![("w", (&of.u).into()), ("u", (&of.u).into())]
     });

@@ -22,7 +22,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     };
     if let Some(missing) = missing {
         return Err(Invalid::because(format!(
-            "this law needs an input for each state, or for each coordinate with its rate among the states: {missing}. `new l1` may \
+            "this controller needs an input for each state, or for each coordinate with its rate among the states: {missing}. `new l1` may \
              find a controller"
         )));
     }

@@ -38,7 +38,7 @@ impl L1Sampled {
         let W_0_inverse = self.inverse(&v.name(self.W_0), &W_0)?;
         let directions = self.directions(&W_0);
         let (A_d, L_d) = hold(&A, &directions, T);
-        let L_inverse = self.inverse(&format!("what {} s shows of sigma", Number(T)), &L_d)?;
+        let L_inverse = self.inverse(&format!("effect of sigma over {} s", Number(T)), &L_d)?;
         let B_d = L_d.columns(0, m).into_owned();
         let B_v = &B_d * &W_0_inverse;
         // As rates, where a short sample time would leave little but the identity.
@@ -99,7 +99,7 @@ impl L1Sampled {
         let (E, Phi) = hold(A_m, &DMatrix::identity(n, n), T);
         let K_m = self.dynamics.gain().map_or_else(|| DMatrix::zeros(m, n), |K_m| v.matrix(K_m).into_owned());
         let of_sigma = &Phi * directions;
-        let S = -self.inverse(&format!("what {} s shows of sigma", Number(T)), &of_sigma)? * &E;
+        let S = -self.inverse(&format!("effect of sigma over {} s", Number(T)), &of_sigma)? * &E;
         let of_v = &Phi * &self.plant.B;
         for (handle, matrix) in [
             (predictor.of_u, &of_v * W_0),

@@ -14,13 +14,13 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (design, bandwidth) = found(request, &plant, false, [1.0, 1.0])?;
     let mut text = request.begin(&L1Sampled::PAGE, stop_time(bandwidth), design.step);
     write_structure(&mut text, &plant, &design.desired, |text| {
-        text.set("estimate", "\"exact\"", "of what is unknown; \"published\": by a predictor, weaker at long samples");
+        text.set("estimate", "\"exact\"", "of the uncertainty; \"published\": by a predictor, weaker at long samples");
     });
     text.table("start");
     tell(&mut text, (&plant, bandwidth), &design, request);
     text.set("sample_time", number(design.step), "s, how often it acts; a master's step, or a multiple of it");
     text.set("delay_steps", 1, "0: the plant is stepped before the controller; 1: both simultaneously");
-    text.set("nominal_input_gain", diagonal(1.0, m), "W_0: what the controls do, in columns of B");
+    text.set("nominal_input_gain", diagonal(1.0, m), "W_0: effect of the controls, in columns of B");
     write_dynamics(&mut text, &design);
     text.set("feedback_gain", all(design.feedback_gain, m), "1/s, bandwidth with which uncertainty is cancelled");
     write_limits(&mut text, Some(&plant), m);

@@ -96,10 +96,10 @@ fn tell_step(of_o: &str, omega_o: f64, report: &mut DesignReport) {
     let (H, longest) = (report.step, SHORT / omega_o);
     let name = format!("longest step for {of_o}");
     if H <= longest {
-        report.tell(&name, no_more(longest, DIGITS), "s", "beyond it, the observer lives on few samples");
+        report.tell(&name, no_more(longest, DIGITS), "s", "beyond it, the observer gets too few samples");
         return;
     }
-    let note = format!("shorter than the default step, {} s: the observer lives on few samples", number(H));
+    let note = format!("shorter than the default step, {} s: the observer gets too few samples", number(H));
     report.judge(&name, no_more(longest, DIGITS), "s", Verdict::Warning, note);
 }
 

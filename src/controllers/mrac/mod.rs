@@ -118,7 +118,7 @@ impl System for Mrac {
         let limited = Limited::declare(d, (&units.u, of_u), text, "Lavretsky and Wise (2013), chapter 9");
         let unlimited = unlimited(d, m);
         let supervised = Supervised::declare(d, limited);
-        let kappa = "estimate of kappa, what the input gain takes away from the control";
+        let kappa = "estimate of kappa, the part of the control that is lost";
         let hidden = |name: &str, len: usize| vector(name, len, "").hidden();
         Ok(Mrac {
             regressor: of_l1.regressor,

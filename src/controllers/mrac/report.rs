@@ -109,7 +109,7 @@ impl Mrac {
         report.section("Communication step");
         report.tell("longest step, plant stepped first", no_more(first, DIGITS), "s", "0.2 rad of the oscillation");
         let name = "longest step";
-        let of = "half of the tolerated dead time: any order of units";
+        let of = "half of the tolerated dead time: any order of components";
         if report.step <= at_once {
             report.tell(name, no_more(at_once, DIGITS), "s", of);
         } else if report.step <= first {

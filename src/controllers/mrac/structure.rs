@@ -21,7 +21,7 @@ impl<'de> Deserialize<'de> for PlainMracStructure {
         let mut table = toml::Table::deserialize(deserializer)?;
         if let Some(key) = OF_L1_ALONE.iter().find(|key| table.contains_key(**key)) {
             let reason =
-                "here is no filter, only what the controls reach is cancelled, and the control itself is commanded";
+                "this controller has no filter, cancels only matched uncertainty, and commands the control itself";
             return Err(D::Error::custom(format!("{key}: belongs to L1 controllers ({reason}). Leave it out")));
         }
         for (key, value) in USUAL {

@@ -137,7 +137,7 @@ impl Adaptation {
         let delay = plant.delay.iter().copied().fold(0.0, f64::max);
         if delay > self.dead_time {
             text.note(&format!(
-                "The dead time of the plant, {} s, is longer than what this law tolerates, about {dead_time} s: `new l1-limit` or \
+                "The dead time of the plant, {} s, is longer than this controller tolerates, about {dead_time} s: `new l1-limit` or \
                  `new l1-sampled` tolerate more.",
                 digits(delay)
             ));

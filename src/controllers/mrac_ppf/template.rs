@@ -53,7 +53,7 @@ fn write_for(request: &Request, plant: &Plant) -> Result<Begun, Invalid> {
     let (n, m, _) = plant.sizes();
     if n != m {
         return Err(Invalid::because(format!(
-            "this law needs an input for each state: the plant has {} and {}. `new mrac-ppf-unmatched` or `new l1` may find a \
+            "this controller needs an input for each state: the plant has {} and {}. `new mrac-ppf-unmatched` or `new l1` may find a \
              controller",
             counted(n, "state"),
             counted(m, "input")

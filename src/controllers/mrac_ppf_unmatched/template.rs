@@ -43,7 +43,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let step = round_down(0.3 / fastest);
     let mut text = request.begin(&MracPpfUnmatched::PAGE, stop_time(bandwidth), step);
     text.table("structure");
-    write_plant(&mut text, &plant, "what is to follow the reference");
+    write_plant(&mut text, &plant, "outputs that follow the reference");
     if !driven.is_empty() {
         let mut listed = String::new();
         for (place, (row, by)) in driven.iter().enumerate() {

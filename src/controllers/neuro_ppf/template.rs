@@ -30,7 +30,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let degree = n / m;
     let needed = |found: String| {
         Invalid::because(format!(
-            "this law needs an input for each state, or for each coordinate with its rate among the states: {found}. Choose others \
+            "this controller needs an input for each state, or for each coordinate with its rate among the states: {found}. Choose others \
              by --states and --inputs, or take `new l1`"
         ))
     };
@@ -101,7 +101,7 @@ fn input_gain(plant: &Plant, m: usize, degree: usize) -> Result<f64, Invalid> {
         return Ok(least);
     }
     Err(Invalid::because(
-        "B: this law needs an input gain B_2 with B_2 + B_2ᵀ positive definite, where B_2 are the rows of B that the controls enter: \
+        "B: this controller needs an input gain B_2 with B_2 + B_2ᵀ positive definite, where B_2 are the rows of B that the controls enter: \
          each control must move its own state most, and upwards. Choose the order and the sign of the inputs so, or take `new l1`",
     ))
 }

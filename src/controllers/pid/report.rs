@@ -54,7 +54,7 @@ impl Pid {
     fn tell_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
         let [K_p, K_d, N] = [self.K_p, self.K_d, self.N].map(|parameter| v[parameter][i]);
         let [of_K_p, of_K_d, of_N] = [self.K_p, self.K_d, self.N].map(|parameter| v.name(parameter.at(i)));
-        let note = format!("{of_K_p} + {of_K_d} {of_N}: by which noise of {} shows", v.name(self.y.at(i)));
+        let note = format!("{of_K_p} + {of_K_d} {of_N}, from measurement noise in {}", v.name(self.y.at(i)));
         report.tell("gain at high frequencies", K_p + K_d * N, "", &note);
         if K_d == 0.0 {
             return;
@@ -99,7 +99,7 @@ impl Pid {
         }
         let (time, name, of_I) = (v[self.T_t][i], v.name(self.T_t.at(i)), v.name(self.I.at(i)));
         if time > 0.0 {
-            report.tell(&name, time, "s", &format!("with which {of_I} follows what the limits leave"));
+            report.tell(&name, time, "s", &format!("time constant with which {of_I} tracks the limited control"));
         } else {
             let given = v.name(self.tracking_time.at(i));
             let note = format!("{of_I} winds up while a control is at its limit. Set {given} = {BY_GAINS}");

@@ -152,7 +152,7 @@ fn what_cannot_be_sampled_is_refused() {
     let exchange = Unit::exchange_from_text(&text(COUPLED[2], SAMPLED));
     exchange.enter(0.0);
     assert_ne!(exchange.exit(), OK);
-    assert!(exchange.last_message().contains("only a unit that is stepped"), "{}", exchange.last_message());
+    assert!(exchange.last_message().contains("only an FMU that is stepped"), "{}", exchange.last_message());
     for (name, start, named) in [
         ("L1PpfTwoLinkRobot", SAMPLED, "law = sampled"),
         ("L1PpfTwoLinkRobot", "law = 'automatic'", "law = automatic"),
