@@ -1,4 +1,4 @@
-//! The controller sampled once a sample time by the implicit Euler method, so that the stiff error dynamics are stable
+//! The controller sampled once a sample time by the implicit Euler method, so that it follows the stiff error dynamics
 //! at any step.
 //!
 //! The nominal model is e⁺ = e + h (A x + B u + θ̂ᵀx + Iᵀψ − D) over the prediction time h, D being the mean rate of
