@@ -1,4 +1,4 @@
-//! Checks whether a loop and its FMUs fit each other: names, types, units, and circles without a delay.
+//! Checks whether a loop and its FMUs fit each other: names, types, units, and algebraic loops.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use crate::model_description::{Affine, UnitDefinition};
 use crate::model_description::{ModelDescription, Variable};
 use crate::near;
 
-/// The most connections whose units are told of in a note.
+/// Largest number of connections whose units are named in a note.
 const MOST_DOUBTS: usize = 5;
 
 /// A loop in the terms of its FMUs.
@@ -20,19 +20,19 @@ pub struct Wiring {
     pub values: Vec<Vec<(usize, Value)>>,
     /// Connections.
     pub links: Vec<Link>,
-    /// What a user may have forgotten.
+    /// Notes on what a user may have forgotten.
     pub notes: Vec<String>,
-    /// True if some connections close a circle in which no unit is known to delay.
+    /// True if some connections close a loop in which no component is known to delay.
     pub circular: bool,
 }
 
-/// What is done about connections that close a circle without a delay.
+/// Treatment of algebraic loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Circles {
-    /// As the loop has it: where every unit of a circle declares that it passes values through, only if the loop accepts
-    /// algebraic loops; where a unit doesn't tell, always. Each takes the outputs of the last exchange.
+    /// Components use the outputs of the previous exchange. If every component declares feedthrough, the structure
+    /// must accept algebraic loops; if one declares nothing, the loop is always accepted.
     Exchanged,
-    /// Refused, also those that only may have no delay: units that are integrated together exchange nothing.
+    /// Refused, also if feedthrough is only possible: components that are integrated together exchange nothing.
     Refused,
 }
 
@@ -45,7 +45,7 @@ struct End<'a> {
 }
 
 impl<'a> End<'a> {
-    /// The unit in which its values are handed on, where it has one.
+    /// The unit in which its values are passed on, if it has one.
     fn outside(&self) -> Option<&'a UnitDefinition> {
         self.units.0.or(self.units.1)
     }
@@ -121,7 +121,7 @@ impl<'a> Check<'a> {
         Ok(())
     }
 
-    /// The connections, and what is to be told of their units.
+    /// The connections, and a note on their units if there is one.
     fn links(&self) -> Result<(Vec<Link>, Option<String>), Error> {
         let (mut links, mut doubts): (Vec<Link>, _) = (Vec::new(), Vec::new());
         for connection in &self.structure.connections {
@@ -175,7 +175,7 @@ impl<'a> Check<'a> {
         start_values(&self.structure.components[unit], self.descriptions[unit], is_connected)
     }
 
-    /// What is to be told of a circle without a delay, where there is one that is accepted.
+    /// A note on an algebraic loop that is accepted, if there is one.
     fn circle(&self, links: &[Link], circles: Circles) -> Result<Option<String>, Error> {
         let feedthrough = Feedthrough::new(links, self.descriptions);
         if circles == Circles::Refused {
@@ -210,7 +210,7 @@ impl<'a> Check<'a> {
         self.structure.refuse(line, &format!("algebraic loop, in which no component has a delay: {signals}{advice}"))
     }
 
-    /// The signals of a circle, from one to the next.
+    /// The signals of an algebraic loop, from one to the next.
     fn signals(&self, circle: &[usize]) -> String {
         let connections = circle.iter().map(|&link| &self.structure.connections[link]);
         let mut signals: Vec<_> =
@@ -235,8 +235,8 @@ impl<'a> Check<'a> {
     }
 }
 
-/// The start values of a component in the types and units of its FMU's variables, with their places. Values that the FMU was
-/// designed with are left out.
+/// The start values of a component in the types and units of its FMU's variables, with their places, except values
+/// that the FMU was designed with.
 ///
 /// # Errors
 /// For a value of a variable that isn't there, can't be set, is connected, or is of another type or dimension.
@@ -270,7 +270,7 @@ pub fn start_values(
     component.values.iter().filter_map(|start| value_of(start).transpose()).collect()
 }
 
-/// True if a variable has a value without being set.
+/// True if a variable starts with a value.
 fn starts_with(variable: &Variable, value: &Value) -> bool {
     let start = variable.start.as_deref().unwrap_or_default();
     match value {
@@ -281,7 +281,7 @@ fn starts_with(variable: &Variable, value: &Value) -> bool {
     }
 }
 
-/// The names of some of a unit's variables.
+/// The names of some of an FMU's variables.
 fn names(description: &ModelDescription, are_told: impl Fn(&Variable) -> bool) -> Vec<&str> {
     let variables = description.variables.iter().filter(|variable| are_told(variable));
     variables.map(|variable| variable.name.as_str()).collect()
@@ -291,8 +291,8 @@ fn name((unit, variable): &(String, String)) -> String {
     format!("{unit}.{variable}")
 }
 
-/// What happens to a value between two variables: into the unit of the one connector, into that of the other, through
-/// the transformation, into the unit of the other variable.
+/// Conversion of a value between two variables: to the unit of the first connector, to that of the second, through
+/// the transformation, to the unit of the second variable.
 fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, String> {
     let (one, another) = (name(&connection.from), name(&connection.to));
     let (source, target) = (from.variable, to.variable);
@@ -327,7 +327,7 @@ fn conversion(connection: &Connection, from: &End, to: &End) -> Result<Affine, S
     Ok(first.then(between).then(connection.transformation).then(last))
 }
 
-/// Why a person should look at the units of a connection, if there is a reason.
+/// Reason to look at the units of a connection, if there is one.
 fn doubt(connection: &Connection, from: &End, to: &End) -> Option<String> {
     let (unit, other) = from.outside().zip(to.outside()).filter(|_| connection.convert_units)?;
     let reason = unit.doubt(other)?;

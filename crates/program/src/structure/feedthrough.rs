@@ -1,24 +1,24 @@
-//! Algebraic loops: connections that close a circle without a delay in any unit.
+//! Algebraic loops: connections that close a loop without a delay in any component.
 
 use crate::model_description::{Affine, ModelDescription};
 
 /// A connection by the places of components and variables.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
-    /// Where the value comes from: component and variable.
+    /// Source of the value: component and variable.
     pub from: (usize, usize),
-    /// Where it goes.
+    /// Target of the value.
     pub to: (usize, usize),
-    /// What is made of it on the way.
+    /// Conversion of the value on the way.
     pub conversion: Affine,
 }
 
-/// Which link follows which through a unit, without a delay.
+/// Followers of each link through a component without a delay.
 #[derive(Debug)]
 pub(super) struct Feedthrough {
-    /// Followers of each link, where the unit between declares that its output depends on the input.
+    /// Followers through components that declare that their output depends on the input.
     declared: Vec<Vec<usize>>,
-    /// Followers of each link, where the unit between doesn't tell.
+    /// Followers through components that declare nothing.
     possible: Vec<Vec<usize>>,
 }
 
@@ -37,17 +37,17 @@ impl Feedthrough {
         }
     }
 
-    /// The links of a circle in which every unit declares the dependence, in order, if there is any.
+    /// The links of an algebraic loop in which every component declares the dependence, in order, if there is one.
     pub fn declared_circle(&self) -> Option<Vec<usize>> {
         circle(&self.declared)
     }
 
-    /// The links of a circle in which units may be without a delay, in order, if there is any.
+    /// The links of a possible algebraic loop, in order, if there is one.
     pub fn possible_circle(&self) -> Option<Vec<usize>> {
         circle(&self.followers())
     }
 
-    /// The links that enter a unit which doesn't tell whether it closes a circle there.
+    /// The links into components that may close an algebraic loop, since they declare nothing.
     pub fn untold(&self) -> Vec<usize> {
         let circles = circles(&self.followers());
         let closes = |k: &usize| self.possible[*k].iter().any(|&next| circles[next] == circles[*k]);
@@ -60,13 +60,13 @@ impl Feedthrough {
     }
 }
 
-/// The links of one circle, in order, if there is any.
+/// The links of one loop, in order, if there is one.
 fn circle(next: &[Vec<usize>]) -> Option<Vec<usize>> {
     let mut visited = vec![false; next.len()];
     (0..next.len()).find_map(|start| circle_from(start, next, &mut visited))
 }
 
-/// Depth first; the path is what was entered and not yet left.
+/// Depth first; the path has the links that were entered and not yet left.
 fn circle_from(start: usize, next: &[Vec<usize>], visited: &mut [bool]) -> Option<Vec<usize>> {
     if std::mem::replace(&mut visited[start], true) {
         return None;
@@ -96,7 +96,7 @@ fn circles(next: &[Vec<usize>]) -> Vec<usize> {
     (0..next.len()).for_each(|start| leave(start, next, &mut visited, &mut left));
     let mut number = vec![usize::MAX; next.len()];
     while let Some(first) = left.pop() {
-        // What reaches it and has no number yet, as it has none itself.
+        // Links that reach it and have no number yet, unless it has one itself.
         let mut waiting = if number[first] == usize::MAX { vec![first] } else { Vec::new() };
         while let Some(link) = waiting.pop() {
             if number[link] == usize::MAX {

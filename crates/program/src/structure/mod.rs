@@ -1,5 +1,5 @@
-//! Loops as data: read from System Structure and Parameterization 1.0 and packed as such, drafted for given FMUs, checked
-//! against them, made one FMU.
+//! Loops as data: read from System Structure and Parameterization 1.0, packed, drafted for given FMUs, checked
+//! against them, and composed to one FMU.
 
 mod check;
 mod draft;

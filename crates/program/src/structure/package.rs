@@ -16,8 +16,8 @@ use crate::model_description::{ModelDescription, Variable, attribute, child, ele
 use crate::output;
 use crate::structure::{Circles, Wiring, check};
 
-/// Namespaces that the annotations below stand in. Other masters read prefixes as they stand, and some take an
-/// attribute for an element: so they are declared in the root.
+/// Namespaces of the annotations below. They are declared in the root, since other masters compare prefixes
+/// literally and some take an attribute for an element.
 const NAMESPACES: [(&str, &str); 4] = [
     ("ssd", "http://ssp-standard.org/SSP1/SystemStructureDescription"),
     ("ssc", "http://ssp-standard.org/SSP1/SystemStructureCommon"),
@@ -26,10 +26,11 @@ const NAMESPACES: [(&str, &str); 4] = [
 ];
 
 /// Writes `NAME.ssp` into a folder: the structure, the parameter files and the FMUs of another folder. Items of
-/// enumerations are given by their numbers there, and values that an FMU was designed with are left out. The same files always give the same bytes. Answers its path, and what other masters will leave out.
+/// enumerations become numbers there, and values that an FMU was designed with are left out. The same files always
+/// give the same bytes. Returns its path, and what other masters will leave out.
 ///
 /// # Errors
-/// When the loop and its FMUs don't fit each other, or files are missing or can't be written.
+/// If the loop and its FMUs don't fit each other, or files are missing or can't be written.
 pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
     let structure = files.structure()?;
     let descriptions = descriptions(&structure, fmus)?;
@@ -75,7 +76,7 @@ fn archives(structure: &Structure, fmus: &Path) -> Result<BTreeMap<String, PathB
     Ok(archives)
 }
 
-/// The structure with all sources where the package has them.
+/// The structure with sources as the package has them.
 fn with_sources(text: &str, file: &Path, structure: &Structure) -> Result<String, Error> {
     let document = parse(text, file)?;
     let components = document.descendants().filter(|node| node.tag_name().name() == "Component");
@@ -129,7 +130,7 @@ fn choices<'a>(structure: &'a Structure, descriptions: &'a [ModelDescription], w
 }
 
 impl Choice<'_> {
-    /// What is to be told of it, unless the FMU starts with it anyway.
+    /// A warning, unless the FMU starts with it anyway.
     fn left_out(&self) -> Option<String> {
         let starts_so = self.variable.start.as_ref().is_some_and(|start| *start == self.number.to_string());
         let name = format!("{}.{}", self.component, self.variable.name);
@@ -159,21 +160,21 @@ fn given<'a>(structure: &'a Structure, descriptions: &[ModelDescription]) -> Vec
     structure.components.iter().zip(descriptions).flat_map(of).collect()
 }
 
-/// True if a component's value was given in this line of a file, under this name there: its own, or with the component in
-/// front, or without the prefix of a binding.
+/// True if a component's value was given in this line of a file, under this name there: its own, with the component
+/// in front, or without the prefix of a binding.
 fn is_given(component: &str, value: &StartValue, file: &Path, line: u32, name: &str) -> bool {
     let own = &value.name;
     let is_named = || name == own || name == format!("{component}.{own}") || own.ends_with(&format!(".{name}"));
     value.origin.file == file && value.origin.line == Some(line) && is_named()
 }
 
-/// The text of a file with what other masters can set: the numbers of chosen items in place of their names, and nothing that
-/// is fixed for all components that take it from there.
+/// The text of a file with values that other masters can set: numbers of chosen items instead of their names, and
+/// no value that is fixed for all components that take it from there.
 fn settable(text: &str, file: &Path, choices: &[Choice], given: &[Given]) -> Result<String, Error> {
     let document = parse(text, file)?;
     let parameters = document.descendants().filter(|node| node.tag_name().name() == "Parameter");
     let mut changed = text.to_owned();
-    // From the end on, so that what is still to be replaced stays in its place.
+    // From the end on, so that the ranges still to be replaced stay valid.
     for parameter in parameters.collect::<Vec<_>>().into_iter().rev() {
         let line = document.text_pos_at(parameter.range().start).row;
         let name = attribute(parameter, "name").unwrap_or_default();
@@ -212,8 +213,8 @@ fn overlooked(files: &LoopFiles) -> Result<Vec<String>, Error> {
     Ok(warnings)
 }
 
-/// The structure with what masters want that know the communication step by annotations of their own only:
-/// OMSimulator reads no system without one, and only where it is the first; libcosim has no step without one.
+/// The structure with the annotations from which other masters take the communication step: OMSimulator reads no
+/// system without one, and only if it is the first; libcosim has no step without one.
 fn for_other_masters(text: &str, file: &Path, structure: &Structure) -> Result<String, Error> {
     let step = structure.step;
     let oms = |content: String| ("org.openmodelica", format!("<oms:Annotations>{content}</oms:Annotations>"));
@@ -266,7 +267,7 @@ fn declared(text: &str, file: &Path) -> Result<String, Error> {
     Ok(text)
 }
 
-/// What to put where so that an element ends with some text.
+/// Range to replace, and its new text, so that an element ends with some text.
 fn at_the_end(text: &str, node: Node, inserted: &str) -> (std::ops::Range<usize>, String) {
     let range = node.range();
     let written = &text[range.clone()];

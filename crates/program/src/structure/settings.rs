@@ -1,17 +1,17 @@
-//! How a loop is run.
+//! Settings of a run.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// When units see each other's new outputs.
+/// Order of stepping: when components see each other's new outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// One unit after the other: each takes the latest outputs, then steps.
+    /// One component after the other: each takes the latest outputs, then steps.
     GaussSeidel,
-    /// All take the outputs of the last communication point, then all step.
+    /// All components take the outputs of the last communication point, then all step.
     Jacobi,
-    /// One unit after the other, as for Gauss-Seidel; then those of FMI 3.0 enter Event Mode, where samples are taken and outputs
-    /// follow from inputs immediately, and values are exchanged until they stay.
+    /// One component after the other, as for Gauss-Seidel; then those of FMI 3.0 enter Event Mode, where they sample,
+    /// outputs follow inputs immediately, and values are exchanged until they no longer change.
     EventMode,
 }
 
@@ -37,7 +37,7 @@ impl FromStr for Order {
     }
 }
 
-/// How a loop is run.
+/// Settings of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Start time, s.
@@ -49,7 +49,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Number of communication steps: whole ones, and a shorter one at the end where they don't fill the time.
+    /// Number of communication steps: full ones, and a shorter last one if they don't fill the time.
     pub fn steps(self) -> usize {
         ((self.stop_time - self.start_time) / self.step - 1e-6).ceil().max(0.0) as usize
     }

@@ -1,4 +1,4 @@
-//! The description of a whole loop as one unit, made from its structure and the descriptions of its units.
+//! The description of a loop as a single FMU, generated from its structure and its components' descriptions.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::model;
 use crate::model_description::{ABOUT, Affine, ModelDescription, Variable};
 use crate::system::Kind;
 
-/// Parameters about communication steps, of which a whole has none inside.
+/// Parameters about communication steps, which a composite doesn't have inside.
 pub(crate) const ABOUT_STEPS: [&str; 6] =
     ["input_handling", "relative_tolerance", "on_step_failure", "integration_method", "fixed_steps", "work_limit"];
 
@@ -24,19 +24,19 @@ pub fn composite_name(structure: &Structure) -> String {
     name_of_whole(&structure.name)
 }
 
-/// A loop as one FMU that takes the loop's values only when it is instantiated: it is the same for any values.
+/// A loop as one FMU that is the same for any start values, since it takes them when it is instantiated.
 #[derive(Debug)]
 pub struct Whole {
-    /// Its description, with the start values of the units' descriptions.
+    /// Its description, with the start values of the components' descriptions.
     pub source: Source,
-    /// The loop's start values, by the names of the whole's variables.
+    /// The loop's start values, by the names of the composite's variables.
     pub values: Vec<(String, fmu::Value)>,
-    /// What a user may have forgotten or will miss.
+    /// Notes on what a user may have forgotten or will miss.
     pub notes: Vec<String>,
 }
 
 impl Whole {
-    /// Of a loop, which is checked as one of separate units is.
+    /// Composes a loop after the same checks as for separate components.
     ///
     /// # Errors
     /// As [`composite`].
@@ -51,17 +51,16 @@ impl Whole {
     }
 }
 
-/// The description of a loop as one FMU, and what a user may have forgotten or will miss. The loop is checked as one of
-/// separate units is.
+/// The description of a loop as one FMU, and notes for the user, after the same checks as for separate components.
 ///
 /// # Errors
-/// When one of its units isn't of this package, or a connection or value doesn't fit.
+/// If one of its FMUs isn't of this package, or a connection or value doesn't fit.
 pub fn composite(structure: &Structure, library: &Library) -> Result<(Source, Vec<String>), Error> {
     let units = Units::of(structure, library)?;
     Ok((units.whole(structure)?, units.notes))
 }
 
-/// The units of a loop that is to be one.
+/// The components of a loop that becomes a single FMU.
 struct Units<'a> {
     of: Vec<PreparedUnit<'a>>,
     notes: Vec<String>,
@@ -105,7 +104,7 @@ impl<'a> Units<'a> {
         Ok(units)
     }
 
-    /// What is about a unit's own steps has no meaning for the whole.
+    /// Drops start values about a component's own steps, which have no meaning in a composite.
     fn leave_out_steps(&mut self) {
         for PreparedUnit { component, described, start, .. } in &mut self.of {
             start.retain(|(place, _)| {
@@ -123,7 +122,7 @@ impl<'a> Units<'a> {
         }
     }
 
-    /// Whose the whole is, as far as all units agree.
+    /// Author, license and the like, if all components agree.
     fn about(&self) -> Table {
         let said = |key: &str| {
             let mut texts = self.of.iter().map(|unit| unit.described.about.iter().find(|(known, _)| *known == key));
@@ -133,7 +132,7 @@ impl<'a> Units<'a> {
         ABOUT.into_iter().filter_map(said).collect()
     }
 
-    /// The description of the whole.
+    /// The description of the composite.
     fn whole(&self, structure: &Structure) -> Result<Source, Error> {
         let parts = self.of.iter().map(|unit| Ok(Value::Table(unit.part(structure)?)));
         let mut whole = source(structure, parts.collect::<Result<_, Error>>()?, (own_start(structure)?, self.about()));
@@ -142,7 +141,7 @@ impl<'a> Units<'a> {
     }
 }
 
-/// The descriptions of the units, each once, as comments: only what they say is in the whole, not how.
+/// The components' descriptions, each once, as comments: the composite has their content, but not their text.
 fn as_comments<'a>(sources: impl Iterator<Item = &'a Source>) -> String {
     let mut files = BTreeSet::new();
     let sources = sources.filter(|source| files.insert(&source.file));
@@ -154,7 +153,7 @@ fn as_comments<'a>(sources: impl Iterator<Item = &'a Source>) -> String {
     sources.map(commented).collect()
 }
 
-/// What the whole itself starts with, where a user says so.
+/// The user's start values for the composite's own parameters.
 fn own_start(structure: &Structure) -> Result<Table, Error> {
     let entry = |value: &StartValue| {
         let StartValue { name, text, origin, .. } = value;
@@ -172,27 +171,27 @@ fn own_start(structure: &Structure) -> Result<Table, Error> {
 /// The description of an FMU that starts with the values of a parameter set.
 ///
 /// # Errors
-/// When the set can't be read, or a value doesn't fit.
+/// If the set can't be read, or a value doesn't fit.
 pub fn with_values(source: Source, parameters: &Path, library: &Library) -> Result<Source, Error> {
     let described = fmu_description(&source, library)?;
     starting(&source, &described, &Component::alone(&described.name, parameters)?, library)
 }
 
-/// The description of a loop's unit that starts as the loop has it start.
+/// The description of a loop's component with the loop's start values.
 ///
 /// # Errors
-/// When there is no description of it, or a value doesn't fit.
+/// If there is no description of it, or a value doesn't fit.
 pub fn started(structure: &Structure, unit: &Component, library: &Library) -> Result<Source, Error> {
     let source = structure.description_of(&unit.fmu)?;
     let described = fmu_description(&source, library)?;
     starting(&source, &described, unit, library)
 }
 
-/// The description of a loop's FMU that has C sources, whose design is fixed when it is exported: of the loop's values it
-/// starts with those that the design reads.
+/// The description of a loop's FMU with C sources, whose design is fixed at export: it starts with those of the
+/// loop's values that the design reads.
 ///
 /// # Errors
-/// As [`started`], and where components that share the FMU have different values of its design.
+/// As [`started`], and if components that share the FMU have different values of its design.
 pub fn designed(structure: &Structure, fmu: &str, library: &Library) -> Result<Source, Error> {
     let source = structure.description_of(fmu)?;
     let units: Vec<_> = structure.components.iter().filter(|unit| unit.fmu == fmu).collect();
@@ -227,7 +226,7 @@ pub fn designed(structure: &Structure, fmu: &str, library: &Library) -> Result<S
     starting(&source, &described, &units[0], library)
 }
 
-/// A description with the values of a unit.
+/// A description with the values of a component.
 fn starting(
     source: &Source,
     described: &ModelDescription,
@@ -239,7 +238,7 @@ fn starting(
         let variable = &described.variables[*place];
         (variable.name.as_str(), in_description::<toml_edit::Value>(variable, value))
     }))?;
-    // A value that the description refuses is one of the parameter set.
+    // A value that the description refuses comes from the parameter set.
     describe(&started, library).map_err(|error| {
         let Error::Description { reason, .. } = &error else { return error };
         let of = |value: &&StartValue| reason.split_whitespace().any(|word| word == value.name);
@@ -249,7 +248,7 @@ fn starting(
     Ok(started)
 }
 
-/// Refuses start values that units which are made of descriptions don't take.
+/// Refuses start values that components with descriptions don't take.
 ///
 /// # Errors
 /// As [`start_values`], and for a description that is refused.
@@ -260,13 +259,13 @@ pub fn check_values(structure: &Structure, library: &Library) -> Result<(), Erro
     })
 }
 
-/// The description of a unit's FMU, as its master would read it.
+/// The modelDescription of an FMU, as a master would read it.
 fn fmu_description(source: &Source, library: &Library) -> Result<ModelDescription, Error> {
     let xml = describe(source, library)?.0.model_description;
     ModelDescription::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })
 }
 
-/// The text of the whole's description.
+/// The text of the composite's description.
 fn source(structure: &Structure, parts: Vec<Value>, (start, about): (Table, Table)) -> Source {
     let link = |(unit, connector): &(String, String)| Value::String(format!("{unit}.{connector}"));
     let links = structure.connections.iter().map(|c| Value::Array(vec![link(&c.from), link(&c.to)]));
@@ -287,7 +286,7 @@ fn source(structure: &Structure, parts: Vec<Value>, (start, about): (Table, Tabl
 }
 
 impl PreparedUnit<'_> {
-    /// As a part: its description, with the loop's start values. An input that is connected has none.
+    /// Part of the composite: its description, with the loop's start values except those of connected inputs.
     fn part(&self, structure: &Structure) -> Result<Table, Error> {
         let PreparedUnit { component, source, described, start: values } = self;
         let refuse = |reason: Invalid| Error::Description { file: source.file.clone(), reason: reason.to_string() };
@@ -313,7 +312,7 @@ impl PreparedUnit<'_> {
     }
 }
 
-/// A start value without those elements of it that are inputs with a connection.
+/// A start value without its elements for connected inputs.
 fn unconnected(name: String, value: Value, connected: &BTreeSet<&str>) -> Vec<(String, Value)> {
     let element = |k: usize| format!("{name}[{}]", k + 1);
     match value {
@@ -326,7 +325,7 @@ fn unconnected(name: String, value: Value, connected: &BTreeSet<&str>) -> Vec<(S
     }
 }
 
-/// A value as a description has it: an enumeration's by the name of the item.
+/// A value as a description has it: an enumeration's is the name of the item.
 fn in_description<V: From<f64> + From<i64> + From<bool> + From<String>>(variable: &Variable, value: &fmu::Value) -> V {
     match value {
         fmu::Value::Real(number) => (*number).into(),

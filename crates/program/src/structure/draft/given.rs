@@ -8,7 +8,7 @@ use crate::near;
 /// The option that names them, in messages.
 const OPTION: &str = "--connect";
 
-/// Connects inputs as they are given, `component.input` from `component.output`, by the names of components in the loop.
+/// Connects inputs as given, `component.input` from `component.output`, by the names of components in the loop.
 ///
 /// # Errors
 /// Components and variables that aren't there, an input that is given twice, and types or units that don't fit.

@@ -1,4 +1,4 @@
-//! The structure of a loop for given units: connected by the names of their signals, with a comment wherever a person
+//! The structure of a loop for given FMUs: connected by the names of their signals, with a comment wherever the user
 //! must decide.
 
 mod given;
@@ -20,14 +20,14 @@ use super::ssp::{LoopFiles, Structure};
 use crate::error::Error;
 use crate::model_description::{ModelDescription, Variable};
 
-/// Where no unit proposes one: communication step and stop time, s.
+/// Default communication step and stop time, s, if no FMU proposes them.
 const STEP: f64 = 1e-3;
 const STOP_TIME: f64 = 10.0;
 
-/// A variable: places of unit and variable.
+/// A variable: places of component and variable.
 type Signal = (usize, usize);
 
-/// What a unit does in the loop.
+/// Role of a component in the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Role {
     Reference,
@@ -37,14 +37,14 @@ enum Role {
     Controller,
 }
 
-/// What a user asks for.
+/// Choices of the user.
 #[derive(Debug, Clone, Default)]
 pub struct Wishes {
     /// The loop's name.
     pub name: String,
-    /// Communication step, s; the shortest that a unit proposes unless given.
+    /// Communication step, s [default: the shortest that an FMU proposes].
     pub step: Option<f64>,
-    /// Stop time, s; the latest that a unit proposes unless given.
+    /// Stop time, s [default: the latest that an FMU proposes].
     pub stop_time: Option<f64>,
     /// Connections in addition to those by names, or in place of them: input and output, as `component.variable`.
     pub connections: Vec<(String, String)>,
@@ -53,7 +53,7 @@ pub struct Wishes {
 /// A loop that was wired.
 #[derive(Debug)]
 pub struct Draft {
-    /// In the order in which they are stepped.
+    /// Components in the order in which they are stepped.
     units: Vec<DraftUnit>,
     roles: Vec<Role>,
     names: Vec<String>,
@@ -65,17 +65,17 @@ pub struct Draft {
     starts: Vec<Starts>,
 }
 
-/// What was found of a draft's structure as a loop that is to run.
+/// Result of checking a draft as a loop that is to run.
 #[derive(Debug)]
 pub struct Checked {
-    /// What is to be known of it.
+    /// Notes for the user.
     pub notes: Vec<String>,
-    /// Why it can't run as it stands.
+    /// Reason why it can't run as it is.
     pub refusal: Option<Error>,
 }
 
 impl Draft {
-    /// Wires units. Names in the loop are those that units have without the connections that are given.
+    /// Wires components. The given connections don't change their names in the loop.
     ///
     /// # Errors
     /// Connections that can't be made.
@@ -107,17 +107,17 @@ impl Draft {
         text::structure(self)
     }
 
-    /// How many inputs are connected.
+    /// Number of connected inputs.
     pub fn connected(&self) -> usize {
         self.wires.inputs.iter().filter(|(_, input)| matches!(input, Input::Connected { .. })).count()
     }
 
-    /// Why components have other start values in this loop than by themselves.
+    /// Reasons why components have other start values in this loop than as standalone FMUs.
     pub fn adapted(&self) -> impl Iterator<Item = &str> {
         self.starts.iter().map(|starts| starts.why.as_str())
     }
 
-    /// The inputs that a person must decide about, by their names in the loop, and why.
+    /// The inputs that the user must decide about, by their names in the loop, and why.
     pub fn undecided(&self) -> impl Iterator<Item = (String, &str)> {
         self.wires.inputs.iter().filter_map(|(signal, input)| match input {
             Input::Open { reason, .. } => Some((self.shown(*signal), reason.as_str())),
@@ -136,15 +136,15 @@ impl Draft {
         unneeded.map(|(signal, _)| self.shown(*signal)).collect()
     }
 
-    /// Its text as a loop of a folder: whether types and units fit, and whether its circles have a delay.
+    /// Checks its text as a loop of a folder: types, units, and algebraic loops.
     ///
     /// # Errors
-    /// When it is no structure, as of two different descriptions of one name.
+    /// If it is no valid structure, for example because one name has two different descriptions.
     pub fn check(&self, text: &str, folder: &Path) -> Result<Checked, Error> {
         let structure = Structure::parse(text, &LoopFiles::within(folder))?;
         let descriptions: Vec<&ModelDescription> = self.units.iter().map(|unit| &unit.description).collect();
         Ok(match check(&structure, &descriptions, Circles::Exchanged) {
-            // Inputs without a connection are told of already.
+            // `undecided` and `unneeded` list the inputs without a connection.
             Ok(wiring) => {
                 let told = |note: &String| !note.contains(" is not connected and stays at ");
                 Checked { notes: wiring.notes.into_iter().filter(told).collect(), refusal: None }

@@ -1,4 +1,4 @@
-//! What each unit does in the loop, its name in it, and the order in which units are stepped.
+//! Roles and names of the components in the loop, and the order in which they are stepped.
 
 use std::collections::{BTreeSet, HashSet};
 
@@ -6,7 +6,7 @@ use super::wiring::Wires;
 use super::{DraftUnit, Role};
 use crate::catalogue;
 
-/// The roles of units. Another tool's controller is the unit that a reference goes to, where no unit is known to be one.
+/// The roles of components. If none is known to be a controller, the one that a reference goes to is taken as it.
 pub fn roles(units: &[DraftUnit], wires: &Wires) -> Vec<Role> {
     let known = |unit: &DraftUnit| match unit.role() {
         Some(catalogue::Role::Reference) => Some(Role::Reference),
@@ -15,7 +15,7 @@ pub fn roles(units: &[DraftUnit], wires: &Wires) -> Vec<Role> {
             catalogue::Role::Sensor
             | catalogue::Role::Actuator
             | catalogue::Role::Observer
-            // Behind the plant, so that a row of a record has the input that acts from then on.
+            // Stepped after the plant, so that a row of a record has the input that acts from then on.
             | catalogue::Role::Excitation,
         ) => Some(Role::Between),
         Some(catalogue::Role::Plant) => Some(Role::Plant),
@@ -32,13 +32,13 @@ pub fn roles(units: &[DraftUnit], wires: &Wires) -> Vec<Role> {
     known.iter().enumerate().map(|(unit, role)| role.unwrap_or_else(|| guess(unit))).collect()
 }
 
-/// The places of units in the order in which they are stepped: each after those whose outputs show at once in its own,
-/// as far as there is such an order; references first, then plants.
+/// The places of components in the order in which they are stepped: each after those on which its outputs depend
+/// directly, as far as there is such an order; references first, then plants.
 pub fn order(units: &[DraftUnit], roles: &[Role], wires: &Wires) -> Vec<usize> {
     let mut sources = vec![BTreeSet::new(); units.len()];
     for (from, (unit, input)) in wires.connections().filter(|(from, to)| from.0 != to.0) {
         let description = &units[unit].description;
-        // A plant that doesn't tell is taken to have states between its inputs and outputs.
+        // A plant that declares no dependencies is taken to have states between its inputs and outputs.
         let untold = roles[unit] != Role::Plant;
         let declared = &description.dependencies;
         let shows = declared.iter().any(|(_, on)| on.as_ref().map_or(untold, |on| on.contains(&input)));
@@ -58,8 +58,8 @@ pub fn order(units: &[DraftUnit], roles: &[Role], wires: &Wires) -> Vec<usize> {
     order
 }
 
-/// Names in the loop: those that were given, which are each there once; those of roles that one unit has; else those of
-/// files, numbered in the order of stepping where others have them.
+/// Names in the loop: given names, each of them unique; names of roles that only one component has; else names of
+/// files, numbered in the order of stepping if they are taken.
 pub fn names(units: &[DraftUnit], roles: &[Role], stepped: &[usize]) -> Vec<String> {
     let of_role = |unit: usize| match roles[unit] {
         Role::Reference => "reference",
@@ -89,7 +89,7 @@ pub fn names(units: &[DraftUnit], roles: &[Role], stepped: &[usize]) -> Vec<Stri
     names
 }
 
-/// A file's name without what a unit's name can't hold.
+/// A file's name without characters that a component's name can't have.
 fn plain(stem: &str) -> String {
     let name: String = stem.chars().map(|c| if c.is_alphanumeric() || c == '-' { c } else { '_' }).collect();
     if name.is_empty() { "unit".to_owned() } else { name }

@@ -1,15 +1,15 @@
-//! A reference that steps leaves a funnel about y - r: in its loop it starts smoothly.
+//! Smooth start of references in loops with a funnel about y - r, which a step would leave.
 
 use super::{Draft, Signal};
 use crate::model_description::Variable;
 
-/// The kinds of the units that this is about.
+/// Kinds of the FMUs concerned.
 const FUNNEL: &str = "funnel";
-/// A law with prescribed performance of the difference itself has both of these parameters, one with a reference model has only
-/// the first.
+/// Parameters of a controller with prescribed performance of the difference itself; one with a reference model has
+/// only the first.
 const PRESCRIBED: [&str; 2] = ["rho_0[1]", "lambda[1]"];
 const REFERENCE: &str = "reference";
-/// Rate of the smooth start, in parts of the rate at which the funnel narrows: what `new funnel` designs for.
+/// Rate of the smooth start relative to the rate at which the funnel narrows, as `new funnel` designs for it.
 const RATE: f64 = 4.0;
 
 /// Start values that a component has in the loop, and why.
@@ -19,7 +19,7 @@ pub struct Starts {
     pub unit: usize,
     /// Names and values.
     pub values: Vec<(String, f64)>,
-    /// For the user.
+    /// Reason, for the user.
     pub why: String,
 }
 
@@ -35,7 +35,7 @@ pub fn of(draft: &Draft) -> Vec<Starts> {
     starts.collect()
 }
 
-/// True for a unit that keeps the difference from the reference itself within a funnel.
+/// True for a component that keeps the difference from the reference itself within a funnel.
 fn has_funnel(draft: &Draft, unit: usize) -> bool {
     let unit = &draft.units[unit];
     let is_prescribed = || PRESCRIBED.iter().all(|name| unit.description.variable(name).is_some());

@@ -11,7 +11,7 @@ use crate::model_description::Variable;
 const HEAD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon""#;
 
-/// The most curves of a diagram, and names in a title.
+/// Largest numbers of curves in a diagram and of names in a title.
 const MOST_CURVES: usize = 12;
 const MOST_NAMED: usize = 4;
 
@@ -45,7 +45,7 @@ pub fn structure(draft: &Draft) -> String {
     lines.join("\n") + "\n"
 }
 
-/// A unit with those connectors that connections need, also those that are offered in comments.
+/// A component with the connectors that connections need, also those that are offered in comments.
 fn component(draft: &Draft, unit: usize) -> Vec<String> {
     let mut needed = BTreeSet::new();
     for (signal, input) in &draft.wires.inputs {
@@ -95,7 +95,7 @@ fn bindings(starts: &Starts) -> Vec<String> {
     lines
 }
 
-/// An input's connection, or what must be decided of it.
+/// An input's connection, or a comment on what to decide.
 fn wire(draft: &Draft, to: Signal, input: &Input) -> Vec<String> {
     let shown = draft.shown(to);
     match input {
@@ -132,7 +132,7 @@ fn connection(draft: &Draft, from: Signal, to: Signal) -> String {
     )
 }
 
-/// How the loop is run, judged and shown.
+/// Settings, metrics and plots of the loop.
 fn closed_loop(draft: &Draft) -> Vec<String> {
     let pairs = pairs(draft);
     let controls = controls(draft);
@@ -203,7 +203,7 @@ fn pairs(draft: &Draft) -> Vec<Pair> {
     references.into_iter().filter_map(pair).collect()
 }
 
-/// The one output of a name that plants have.
+/// The only output of a name that plants have.
 fn output_of_a_plant(draft: &Draft, name: &str) -> Option<Signal> {
     let plants = (0..draft.units.len()).filter(|&unit| draft.roles[unit] == Role::Plant);
     let output = |unit: usize| {
@@ -215,7 +215,7 @@ fn output_of_a_plant(draft: &Draft, name: &str) -> Option<Signal> {
     found.next().filter(|_| found.next().is_none())
 }
 
-/// What controllers hand on.
+/// Signals from controllers to other components.
 fn controls(draft: &Draft) -> Vec<Signal> {
     let of_controllers = draft
         .connections()
@@ -234,7 +234,7 @@ fn plots(draft: &Draft, pairs: &[Pair]) -> Vec<String> {
     let shown: BTreeSet<Signal> = pairs.iter().flat_map(|(output, reference)| [*output, *reference]).collect();
     let rest: BTreeSet<Signal> =
         draft.connections().map(|(from, _)| from).filter(|from| !shown.contains(from)).collect();
-    // Whether they are controls, and in what unit.
+    // True for controls, and the unit of measurement.
     type Group<'a> = (bool, Option<&'a String>);
     let mut groups: Vec<(Group, Vec<Signal>)> = Vec::new();
     for signal in rest {
@@ -244,7 +244,7 @@ fn plots(draft: &Draft, pairs: &[Pair]) -> Vec<String> {
             None => groups.push((group, vec![signal])),
         }
     }
-    // What is controlled, then controls, then what else there is.
+    // Controls come first.
     groups.sort_by_key(|((is_control, _), _)| !is_control);
     for (_, signals) in groups {
         let names: Vec<_> =
@@ -264,7 +264,7 @@ fn plot(draft: &Draft, title: &str, signals: &[Signal]) -> String {
     format!("  <Plot title=\"{}\" signals=\"{}\"/>", attribute(title), attribute(&shown.join(" ")))
 }
 
-/// A text in an attribute, also within a comment: two hyphens would end that.
+/// A text in an attribute, also within a comment, which two hyphens would end.
 fn attribute(text: &str) -> String {
     crate::drawing::escaped(text)
         .replace("--", "-&#45;")

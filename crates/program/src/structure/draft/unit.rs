@@ -1,4 +1,4 @@
-//! The units that a loop is drafted for: FMUs of any tool, descriptions, FMUs of this package.
+//! The components that a loop is drafted for: FMUs of any tool, descriptions, FMUs of this package.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -8,33 +8,33 @@ use crate::exporter::{DESCRIBED, Library, Source, describe, find_description, re
 use crate::model_description::ModelDescription;
 use crate::{library, model};
 
-/// A unit of a loop.
+/// A component of a loop.
 #[derive(Debug)]
 pub struct DraftUnit {
     /// The name in the loop that the user gave it.
     pub(super) given: Option<String>,
     /// Name of its file, or of the FMU.
     pub(super) stem: String,
-    /// What the loop names as its source.
+    /// Source attribute in the loop.
     pub(super) source: String,
     pub(super) description: ModelDescription,
-    /// The system that it is made of, where it is one of this package.
+    /// The system that the FMU is generated from, if it is one of this package.
     pub(super) model: Option<String>,
 }
 
 impl DraftUnit {
-    /// What it does in the loop, where that is known; one of a library of the user's own counts as a plant.
+    /// Role in the loop, if it is known; a system from the user's own library counts as a plant.
     pub(super) fn role(&self) -> Option<Role> {
         self.model.as_deref().map(|model| library::find(model).map_or(Role::Plant, |entry| entry.role))
     }
 
-    /// True if it hands on signals of any sort, channel by channel.
+    /// True if it passes on signals of any kind, channel by channel.
     pub(super) fn hands_on(&self) -> bool {
         self.role().is_some_and(Role::hands_on)
     }
 }
 
-/// Finds units for a loop in a folder.
+/// Finds components for a loop in a folder.
 #[derive(Debug)]
 pub struct Found<'a> {
     folder: &'a Path,
@@ -42,15 +42,15 @@ pub struct Found<'a> {
 }
 
 impl<'a> Found<'a> {
-    /// For a loop in a folder that is there.
+    /// Returns a finder for a loop in an existing folder.
     pub fn new(folder: &'a Path) -> Self {
         Found { folder, library: None }
     }
 
-    /// The unit that a word names: `FILE.fmu`, `FILE.toml` or an FMU of this package, with `NAME=` before it or without.
+    /// The component that a word names: `FILE.fmu`, `FILE.toml` or an FMU of this package, optionally after `NAME=`.
     ///
     /// # Errors
-    /// Why there is no such unit, or that it isn't for co-simulation.
+    /// If there is no such component, or if it isn't for co-simulation.
     pub fn unit(&mut self, word: &str) -> Result<DraftUnit, Error> {
         let (given, name) = named(word)?;
         let path = Path::new(name);
@@ -66,7 +66,7 @@ impl<'a> Found<'a> {
         let xml = read_entry(path, "modelDescription.xml")?;
         let description = ModelDescription::read(&xml).and_then(ModelDescription::for_co_simulation);
         let description = description.map_err(|reason| Error::Archive { file: path.to_owned(), reason })?;
-        // What an FMU of this package is, it tells itself.
+        // An FMU of this package contains its description.
         let own = description.generation_tool.starts_with("adaptive-fmu");
         let told = own.then(|| read_entry(path, DESCRIBED).ok()).flatten();
         let model = told.and_then(|text| model::Description::read(&text).ok()).map(|told| told.model);
@@ -87,7 +87,7 @@ impl<'a> Found<'a> {
     }
 }
 
-/// A name in the loop that was given, and what it is a name for. A file's own name may hold an equals sign.
+/// A given name in the loop, and what it names. A file's own name may contain an equals sign.
 fn named(word: &str) -> Result<(Option<String>, &str), Error> {
     let Some((name, rest)) = word.split_once('=').filter(|_| !Path::new(word).is_file()) else {
         return Ok((None, word));
@@ -100,11 +100,11 @@ fn named(word: &str) -> Result<(Option<String>, &str), Error> {
     Ok((Some(name.to_owned()), rest))
 }
 
-/// How a structure in a folder names a file: by a relative path where it lies below the folder or beside it, else by a URI.
+/// Source attribute for a file: a relative path if it is below the folder or its parent, else a URI.
 fn source_of(file: &Path, folder: &Path) -> Result<String, Error> {
     let whole = |path: &Path| path.canonicalize().map_err(Error::file(path));
     let plain = |path: &Path| if path.as_os_str().is_empty() { PathBuf::from(".") } else { path.to_owned() };
-    // A link is named as it is, not by what it leads to: that may have another name.
+    // A link is named as it is, since its target may have another name.
     let place = whole(&plain(file.parent().unwrap_or(Path::new(""))))?.join(file.file_name().unwrap_or_default());
     let folder = whole(folder)?;
     let beside = folder.parent().filter(|parent| parent.parent().is_some());
@@ -117,7 +117,7 @@ fn source_of(file: &Path, folder: &Path) -> Result<String, Error> {
     source.ok_or_else(refuse)
 }
 
-/// A path with percent codes for what a URI doesn't hold as it is, after a slash; none where it isn't UTF-8.
+/// A path after a slash, with percent codes for characters that a URI can't have; none if it isn't UTF-8.
 fn coded(path: &Path) -> Option<String> {
     let mut text = String::new();
     for part in path.components() {

@@ -1,4 +1,4 @@
-//! Which output goes to which input, by their names.
+//! Connections from outputs to inputs, by their names.
 
 use std::collections::{HashMap, HashSet};
 
@@ -7,29 +7,29 @@ use crate::catalogue::Role;
 use crate::model_description::UnitDefinition;
 use crate::model_description::Variable;
 
-/// The most outputs that are offered for an input, and the most inputs for which some are looked for by their units.
+/// Largest numbers of outputs that are offered for an input, and of inputs that are searched by units.
 const MOST_OFFERED: usize = 8;
 const MOST_SEARCHED: usize = 100;
 
-/// Inputs of this package's units that are there for what isn't in every loop, by the system's names of them.
+/// Inputs of this package's FMUs that not every loop needs, by the system's names of them.
 const UNNEEDED: [&str; 3] = ["enabled", "u_manual", "d"];
-/// Ends of the names of what is to be taken in place of a signal: by a sensor, by an observer.
+/// Name suffixes of signals that replace another: from a sensor, from an observer.
 const STAND_INS: [&str; 2] = ["_measured", "_estimate"];
-/// The end of the name of what an actuator makes a signal of.
+/// Name suffix of an actuator's command.
 const COMMAND: &str = "_command";
 
-/// What becomes of an input.
+/// Decision about an input.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Input {
-    /// It is connected to an output; why, where that has another name.
+    /// It is connected to an output; with the reason if that has another name.
     Connected { from: Signal, why: Option<String> },
-    /// A person must decide: why, and what may go to it.
+    /// The user must decide: the reason, and outputs that fit.
     Open { reason: String, offered: Vec<Signal> },
-    /// Most loops leave it alone.
+    /// Most loops leave it unconnected.
     Unneeded,
 }
 
-/// The inputs of all units, and what becomes of each.
+/// The inputs of all components, and the decision about each.
 #[derive(Debug)]
 pub struct Wires {
     pub inputs: Vec<(Signal, Input)>,
@@ -55,7 +55,7 @@ impl Wires {
         Wires { inputs }
     }
 
-    /// Decides what becomes of an input.
+    /// Decides about an input.
     pub fn set(&mut self, input: Signal, decided: Input) {
         self.inputs.iter_mut().filter(|(signal, _)| *signal == input).for_each(|(_, own)| *own = decided.clone());
     }
@@ -65,7 +65,7 @@ impl Wires {
         connections(&self.inputs)
     }
 
-    /// The same for units that are in another order: at each place, which one stood where.
+    /// The same for components in another order, which has the former place of each.
     pub fn moved(self, order: &[usize]) -> Self {
         let mut places = vec![0; order.len()];
         order.iter().enumerate().for_each(|(place, &unit)| places[unit] = place);
@@ -93,7 +93,7 @@ fn connections(inputs: &[(Signal, Input)]) -> impl Iterator<Item = (Signal, Sign
     })
 }
 
-/// The variables of a causality that a structure can name and a connection hand on.
+/// The variables of a causality that a structure can name and a connection can pass on.
 fn signals(units: &[DraftUnit], causality: &str) -> Vec<Signal> {
     let mut found = Vec::new();
     for (place, unit) in units.iter().enumerate() {
@@ -109,7 +109,7 @@ fn signals(units: &[DraftUnit], causality: &str) -> Vec<Signal> {
 struct Search<'a> {
     units: &'a [DraftUnit],
     outputs: Vec<Signal>,
-    /// Outputs by their names, and by what is left of these without conventions.
+    /// Outputs by their names, and by their keys (names without conventions).
     named: HashMap<&'a str, Vec<Signal>>,
     alike: HashMap<String, Vec<Signal>>,
     inputs: HashSet<(usize, &'a str)>,
@@ -133,7 +133,7 @@ impl<'a> Search<'a> {
         &self.units[unit].description.variables[variable]
     }
 
-    /// Outputs of other units that have a name.
+    /// Outputs of other components with a name.
     fn named(&self, name: &str, input: Signal) -> Vec<Signal> {
         let all = self.named.get(name).into_iter().flatten();
         all.copied().filter(|output| output.0 != input.0).collect()
@@ -151,7 +151,7 @@ impl<'a> Search<'a> {
             let reason = format!("which signal goes through this {}?", unit.model.as_deref().unwrap_or("unit"));
             return Input::Open { reason, offered: Vec::new() };
         }
-        // Where there is a sensor or an observer, it is there to be used; it doesn't measure itself.
+        // A sensor or an observer is there to be used; a sensor doesn't measure itself.
         if unit.role() != Some(Role::Sensor) {
             let of_ends = STAND_INS.iter().map(|end| self.named(&format!("{name}{end}"), input));
             let stand_ins: Vec<Signal> = of_ends.flatten().collect();
@@ -182,7 +182,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// True if an output is what an actuator makes of a command.
+    /// True if an output is an actuator's response to a command.
     fn is_acted(&self, output: Signal) -> bool {
         let command = format!("{}{COMMAND}", self.variable(output).name);
         self.inputs.contains(&(output.0, command.as_str()))
@@ -204,14 +204,14 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Outputs of an input's type and unit, those first that go nowhere yet.
+    /// Outputs of an input's type and unit, unconnected ones first.
     fn by_unit(&self, input: Signal, used: &HashSet<Signal>) -> Vec<Signal> {
         let own = self.variable(input);
         let fits = |output: &&Signal| {
             let variable = self.variable(**output);
             let told = |variable: &Variable| variable.measure.as_ref().and_then(|unit| unit.dimension);
             let same = told(variable).is_none() || told(own).is_none() || told(variable) == told(own);
-            // What a unit tells of itself now and then is no signal for an input that moves all the time.
+            // A discrete output, such as a status, is no signal for a continuous input.
             let flows = variable.variability == "continuous" || own.variability != "continuous";
             output.0 != input.0 && same && flows && misfit(variable, own).is_none()
         };
@@ -222,12 +222,12 @@ impl<'a> Search<'a> {
     }
 }
 
-/// True if a name is one that every sensor or actuator has for its channels.
+/// True if a name is one that every sensor or actuator gives its channels.
 fn says_nothing(unit: &DraftUnit, name: &str) -> bool {
     unit.hands_on() && (name.starts_with("u[") || name.starts_with("y["))
 }
 
-/// Why an output can't go to an input, if there is a reason.
+/// Reason why an output can't go to an input, if there is one.
 pub fn misfit(output: &Variable, input: &Variable) -> Option<String> {
     let fits = match (output.kind.as_str(), input.kind.as_str()) {
         ("Real" | "Integer", "Real") | ("Integer", "Integer") | ("Boolean", "Boolean") => true,
@@ -244,7 +244,7 @@ pub fn misfit(output: &Variable, input: &Variable) -> Option<String> {
         .then(|| format!("has unit {}, but the input has unit {}, of another dimension", name(unit), name(other)))
 }
 
-/// A name without what tools write in different ways: case, the path before it, brackets, "in" and "out".
+/// A name without what tools write differently: case, the path before it, brackets, "in" and "out".
 fn key(name: &str) -> String {
     let text = name.to_lowercase();
     let text = text.rsplit('.').next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Our annotation of a loop: how it is run, judged and shown.
+//! Our annotation of a loop: settings of the run, metrics and plots.
 
 use roxmltree::Node;
 
@@ -10,7 +10,7 @@ use crate::structure::Order;
 /// Type of our annotation.
 pub(super) const ANNOTATION: &str = "adaptive-fmu.closed-loop";
 
-/// How large coefficients may be against the leading one: the exponential of larger ones overflows.
+/// Largest ratio of coefficients to the leading one: the exponential of larger ones overflows.
 const LARGEST_RATIO: f64 = 1e100;
 
 /// A linear model (numerator · input + initial)/denominator of an input signal; those of one name are added.
@@ -24,7 +24,7 @@ pub struct IdealModel {
     pub numerator: Vec<f64>,
     /// Coefficients, highest power first.
     pub denominator: Vec<f64>,
-    /// Coefficients of what the initial state adds to numerator · input, highest power first; none from rest.
+    /// Coefficients of the initial state's part, added to numerator · input, highest power first; none from rest.
     pub initial: Vec<f64>,
 }
 
@@ -46,7 +46,7 @@ impl PerformanceFunction {
     }
 }
 
-/// What is taken of a signal.
+/// Statistic of a signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Statistic {
     /// Largest magnitude.
@@ -58,19 +58,19 @@ pub enum Statistic {
 /// A number that judges a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
-    /// What it is.
+    /// Name with unit, as reports show it.
     pub label: String,
     /// The statistic.
     pub statistic: Statistic,
     /// The signal.
     pub of: String,
-    /// What is subtracted from it.
+    /// Signal that is subtracted from it.
     pub minus: Option<String>,
-    /// What the difference is divided by, with the time from the start.
+    /// Divisor of the difference, a function of the time from the start.
     pub funnel: Option<PerformanceFunction>,
-    /// From when on, s.
+    /// Start of the evaluation, s.
     pub from: f64,
-    /// The largest value that is as it should be, if one is given.
+    /// Largest value that passes, if one is given.
     pub limit: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ pub struct Plot {
     pub title: String,
     /// Signals.
     pub signals: Vec<String>,
-    /// Those of them that others are to come to, beside those that follow from the loop.
+    /// Signals among them that are references, in addition to those that follow from the loop.
     pub references: Vec<String>,
     /// The axis of values.
     pub scale: Scale,
@@ -98,28 +98,28 @@ pub struct Plot {
 /// The axis of values of a diagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scale {
-    /// Equal lengths are equal differences.
+    /// Equal lengths mean equal differences.
     #[default]
     Linear,
-    /// Equal lengths are equal ratios; values that are not above 0 aren't shown.
+    /// Equal lengths mean equal ratios; only values above 0 are shown.
     Logarithmic,
-    /// Logarithmic where all values are above 0 and span decades, else linear.
+    /// Logarithmic if all values are above 0 and span decades, else linear.
     ByValues,
 }
 
-/// A failure of a unit that the loop is there to show, as of one that can't be held.
+/// A failure that the loop is meant to show, for example that of a plant which can't be stabilized.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExpectedFailure {
     /// Earliest time, s.
     pub from: f64,
     /// Latest time, s.
     pub until: f64,
-    /// True if only separate units fail, and the loop as one unit holds.
+    /// True if only separate components fail, but not the composite.
     pub separate_only: bool,
 }
 
 impl Reader<'_> {
-    /// Communication step in s, order, and whether algebraic loops are accepted.
+    /// Communication step in s, order, and true if algebraic loops are accepted.
     pub fn master(&self, node: Node) -> Result<(f64, Order, bool), Error> {
         let step = self.number(node, "step")?;
         if step <= 0.0 {

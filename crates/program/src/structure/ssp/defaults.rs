@@ -1,4 +1,4 @@
-//! How a loop is run that has no annotation of ours: as its units and other tools' annotations propose it.
+//! Settings of a loop without our annotation: as its components and other tools' annotations propose them.
 
 use std::collections::{HashMap, HashSet};
 
@@ -13,17 +13,17 @@ use crate::model_description::ModelDescription;
 use crate::structure::Order;
 use crate::text_file;
 
-/// Where neither the structure nor a unit proposes one: communication step and stop time, s.
+/// Default communication step and stop time, s, if neither the structure nor a component proposes them.
 const STEP: f64 = 1e-3;
 const STOP_TIME: f64 = 10.0;
-/// So many units are told one by one in the order that was chosen.
+/// Largest number of components that the note on the order names one by one.
 const MOST_NAMES: usize = 20;
 
-/// What a unit proposes: communication step and stop time, s.
+/// Communication step and stop time that a component proposes, s.
 type Experiment = (Option<f64>, Option<f64>);
 
 impl Structure {
-    /// The smallest communication step and the latest stop time that units propose.
+    /// The smallest communication step and the latest stop time that components propose.
     pub(super) fn proposed(&self) -> Experiment {
         let experiments: Vec<Experiment> = self.components.iter().map(|component| self.experiment(component)).collect();
         let proper = |number: &f64| number.is_finite() && *number > 0.0;
@@ -32,7 +32,7 @@ impl Structure {
         (step, stop)
     }
 
-    /// What a unit proposes; what can't be read is told when it is loaded.
+    /// Proposal of a component; a file that can't be read is reported when it is loaded.
     fn experiment(&self, component: &Component) -> Experiment {
         if let UnitFile::Archive { path, .. } = &component.file {
             let description =
@@ -47,8 +47,8 @@ impl Structure {
         experiment.map_or((None, None), |experiment| (Some(experiment.step), Some(experiment.stop_time)))
     }
 
-    /// Completes a structure that says nothing of how it is run; what was chosen goes into its notes, in one line. Other
-    /// tools tell their communication step in annotations of their own.
+    /// Completes a structure that has no settings of a run and adds the choices to its notes, in one line. Other tools
+    /// have annotations of their own for the communication step.
     pub(super) fn choose_defaults(&mut self, root: Node) {
         let (of_units, _) = self.proposed();
         let (step, from) = match (step_of_others(root), of_units) {
@@ -72,12 +72,12 @@ impl Structure {
         ));
     }
 
-    /// The stop time that units propose.
+    /// The stop time that components propose.
     pub(super) fn proposed_stop_time(&self) -> f64 {
         self.proposed().1.unwrap_or(STOP_TIME)
     }
 
-    /// Each unit after those that its inputs come from, as far as there is such an order; else as in the file.
+    /// Puts each component after those that feed its inputs, as far as there is such an order; else as in the file.
     fn put_in_order(&mut self) {
         let places: HashMap<&str, usize> = self.components.iter().map(|unit| unit.name.as_str()).zip(0..).collect();
         let mut sources = vec![Vec::new(); self.components.len()];
@@ -100,7 +100,7 @@ impl Structure {
         self.components = order.into_iter().filter_map(|place| units[place].take()).collect();
     }
 
-    /// A diagram of each unit's signals that are to come to references, with these; then one of what else each hands on.
+    /// A diagram for each component of its signals that follow references, with these; then one of its other signals.
     pub fn plots_of_units(&self) -> Vec<Plot> {
         let signal = |(unit, name): &(String, String)| format!("{unit}.{name}");
         let followed = self.followed();
@@ -126,7 +126,7 @@ impl Structure {
         plots
     }
 
-    /// Other tools write start values of connected inputs too: their values come from the connection.
+    /// Drops start values of connected inputs, which other tools also write.
     fn leave_out_connected_values(&mut self) {
         for component in &mut self.components {
             let is_connected = |name: &str| {

@@ -11,7 +11,7 @@ use crate::structure::settings::Settings;
 /// A value that a variable gets while the loop runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
-    /// When, s.
+    /// Time, s.
     pub time: f64,
     /// The variable, by its name in the loop.
     pub name: String,
@@ -25,7 +25,7 @@ impl Event {
     /// Reads `TIME: NAME=VALUE`, as the option has it.
     ///
     /// # Errors
-    /// When the text is none of that form.
+    /// If the text has another form.
     pub fn read(text: &str) -> Result<Self, Error> {
         let origin = Origin { file: format!("--event {text}").into(), line: None };
         let parts = text.split_once(':').and_then(|(time, rest)| Some((time.trim(), rest.split_once('=')?)));
@@ -51,7 +51,7 @@ impl Reader<'_> {
     }
 }
 
-/// Refuses events that a user asks for and that are not within the run. One of the loop itself may come after the end of a shorter run.
+/// Refuses events of the user that are outside the run. The loop's own ones may come after the end of a shorter run.
 ///
 /// # Errors
 /// The event.

@@ -1,4 +1,4 @@
-//! Where the files of a loop are: in this program, in a folder, or in an archive.
+//! The files of a loop: in this program, in a folder, or in an archive.
 
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
@@ -45,7 +45,7 @@ fn structures(folder: &Path) -> Result<Vec<String>, Error> {
     Ok(names)
 }
 
-/// The structure of an archive that is taken unless one is named: SystemStructure.ssd, or else the only one.
+/// The default structure of an archive: SystemStructure.ssd, or else the only one.
 fn only_structure(archive: &Path, folder: &Path) -> Result<String, Error> {
     let known = structures(folder)?;
     match &known[..] {
@@ -64,7 +64,7 @@ fn only_structure(archive: &Path, folder: &Path) -> Result<String, Error> {
     }
 }
 
-/// Why a name is that of no loop: it is that of an FMU, or of nothing.
+/// Error for a name that is no loop: it names an FMU, or nothing.
 fn no_loop(name: &str, extension: Option<&str>) -> Error {
     let kind = match extension {
         Some("fmu") => "an FMU",
@@ -81,7 +81,7 @@ fn no_loop(name: &str, extension: Option<&str>) -> Error {
     )))
 }
 
-/// Why a folder has no structure of a name.
+/// Error for a name of a structure that a folder doesn't have.
 fn no_variant(folder: &Path, file: &str) -> Error {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     match structures(here) {
@@ -98,7 +98,7 @@ impl LoopFiles {
     /// .ssp archive.
     ///
     /// # Errors
-    /// When there is none, or its archive is broken or hostile.
+    /// If there is none, or its archive is broken or hostile.
     pub fn find(name: &str) -> Result<Self, Error> {
         if let Some((_, files)) = exporter::loops().iter().find(|(known, _)| *known == name) {
             let (shown, place) = (Path::new("examples").join(name), Place::Program(files));
@@ -137,7 +137,7 @@ impl LoopFiles {
         Ok(LoopFiles { shown, place, structure })
     }
 
-    /// Those of a loop in a folder.
+    /// Files of a loop in a folder.
     pub fn within(folder: &Path) -> Self {
         let (shown, place) = (folder.to_owned(), Place::Folder(folder.to_owned()));
         LoopFiles { shown, place, structure: STRUCTURE.to_owned() }
@@ -156,7 +156,7 @@ impl LoopFiles {
         self.shown.join(name)
     }
 
-    /// The path of a file of the loop, for messages: within its archive, where that was unpacked.
+    /// The path of a file of the loop, for messages: within its archive if that was unpacked.
     pub(super) fn shown(&self, path: &Path) -> PathBuf {
         let inside = self.folder().and_then(|folder| path.strip_prefix(folder).ok());
         inside.map_or_else(|| path.to_owned(), |inside| self.shown.join(inside))
@@ -166,7 +166,7 @@ impl LoopFiles {
         self.path(&self.structure)
     }
 
-    /// The structure that was chosen because an archive has no other one under the usual name.
+    /// The chosen structure of an archive, if it doesn't have the usual name.
     pub(super) fn chosen(&self) -> Option<&str> {
         Some(self.structure.as_str()).filter(|name| matches!(self.place, Place::Unpacked(_)) && *name != STRUCTURE)
     }
@@ -175,11 +175,11 @@ impl LoopFiles {
         self.read(&self.structure)
     }
 
-    /// The checksum of all that a structure read from these files is made of: the structure, the parameter sets that it
-    /// names, and the descriptions of units that come with it.
+    /// The checksum of all that a structure is read from: its file, the parameter sets that it names, and the
+    /// descriptions of components that come with it.
     ///
     /// # Errors
-    /// When a file can't be read any more.
+    /// If a file can't be read any more.
     pub fn checksum(&self, structure: &Structure) -> Result<String, Error> {
         let mut sums = vec![checksum(self.structure_text()?)];
         for name in &structure.parameter_files {
@@ -189,10 +189,10 @@ impl LoopFiles {
         Ok(checksum(sums.join("\n")))
     }
 
-    /// A parameter set: a file, or one of those that lie beside the structure. Its text, and where that is, for messages.
+    /// Text and path, for messages, of a parameter set: a file, or one of those next to the structure.
     ///
     /// # Errors
-    /// When it can't be read.
+    /// If it can't be read.
     pub fn case(&self, case: &Path) -> Result<(String, PathBuf), Error> {
         let beside =
             case.to_str().filter(|name| !case.is_file() && self.parameter_files().contains(&(*name).to_owned()));
@@ -210,7 +210,7 @@ impl LoopFiles {
     /// The text of a file.
     ///
     /// # Errors
-    /// When it isn't there, isn't text, or is too long.
+    /// If it isn't there, isn't text, or is too long.
     pub(in crate::structure) fn read(&self, name: &str) -> Result<String, Error> {
         let failed = |error| Error::file(self.path(name))(error);
         let Some(folder) = self.folder() else {
@@ -229,15 +229,15 @@ impl LoopFiles {
         }
     }
 
-    /// The name of the unit that a component's source names, and where it comes from.
+    /// The name of the FMU that a component's source names, and its origin.
     ///
     /// # Errors
-    /// Why there is none.
+    /// If there is none, with the reason.
     pub(super) fn unit(&self, source: &str) -> Result<(String, UnitFile), String> {
         unit_file(source, self.folder(), matches!(self.place, Place::Unpacked(_)))
     }
 
-    /// The description of an FMU, where one lies beside the structure or in its resources.
+    /// The description of an FMU, if there is one next to the structure or in its resources.
     pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
         let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
         let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
@@ -245,7 +245,7 @@ impl LoopFiles {
         Ok(Some(Source::read(self.path(name), self.read(name)?)))
     }
 
-    /// Names of the parameter files that lie beside the structure, in order.
+    /// Names of the parameter files next to the structure, in order.
     pub fn parameter_files(&self) -> Vec<String> {
         let is_set = |name: &String| name.ends_with(".ssv") && is_inside(name);
         let mut names: Vec<String> = match (&self.place, self.folder()) {

@@ -1,8 +1,8 @@
-//! Which signal of a loop is to come to which reference, where the loop doesn't say it: as its connections tell.
+//! Signals that follow references, as a loop's metrics or else its connections show.
 
 use super::{Connection, Connector, Structure};
 
-/// What a signal and a reference have in common, the strongest first.
+/// Tests whether a signal follows a reference, the strongest first.
 const REASONS: [fn(&Pair) -> bool; 4] = [
     |pair| pair.is_output_of_same_index(),
     |pair| pair.names_it(),
@@ -18,7 +18,7 @@ struct Pair<'a> {
     signal: &'a str,
     /// True if the controller takes it.
     is_measured: bool,
-    /// Places among the references and among what is measured, where there are as many of both.
+    /// Places among the references and among the measured signals, if there are as many of both.
     places: Option<[usize; 2]>,
 }
 
@@ -28,12 +28,12 @@ fn parts(name: &str) -> (&str, Option<&str>) {
 }
 
 impl Pair<'_> {
-    /// The tracked output of this index: `y[1]` for `r[1]`.
+    /// True for the tracked output of the same index: `y[1]` for `r[1]`.
     fn is_output_of_same_index(&self) -> bool {
         parts(self.signal).0 == "y" && self.has_same_index()
     }
 
-    /// As `speed_reference` names `speed`.
+    /// True if the reference names the signal, as `speed_reference` names `speed`.
     fn names_it(&self) -> bool {
         let (base, _) = parts(self.signal);
         base.len() > 1 && self.reference.iter().any(|name| name.contains(base)) && self.has_same_index()
@@ -48,21 +48,21 @@ impl Pair<'_> {
     }
 }
 
-/// A signal that is to come to a reference.
+/// A signal that follows a reference.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tracked {
     /// Its name in the loop.
     pub signal: String,
     /// The reference's name in the loop.
     pub reference: String,
-    /// The component that takes the reference and a signal that isn't one; empty where none does.
+    /// The component that takes the reference and a signal that isn't one; empty if none does.
     pub controller: String,
     /// Its outputs that others take, by their names in the loop.
     pub controls: Vec<String>,
 }
 
 impl Structure {
-    /// Signals with their references: those whose difference is a metric, else those that its connections show.
+    /// Signals with their references: those whose difference is a metric, else those that connections show.
     pub fn tracked(&self) -> Vec<Tracked> {
         let sources: Vec<&str> = self.sources().collect();
         let mut pairs: Vec<[(String, String); 2]> = Vec::new();
@@ -103,7 +103,7 @@ impl Structure {
         })
     }
 
-    /// Units that hand on what doesn't depend on the loop.
+    /// Components whose outputs don't depend on the loop.
     pub fn sources(&self) -> impl Iterator<Item = &str> {
         let takes = |kind: &str| kind == "input" || kind == "inout";
         let alone = |name: &str| self.connections.iter().all(|connection| connection.to.0 != name);
@@ -113,9 +113,9 @@ impl Structure {
         sources.map(|unit| unit.name.as_str()).filter(move |name| alone(name) && gives(name))
     }
 
-    /// References with what is to come to each: both ends as unit and variable. A unit that takes a reference and something
-    /// else is its controller; what is to follow is the tracked output of the plant that it measures, or what it measures,
-    /// by name, index, or place.
+    /// References with the signals that follow them, each as component and variable. A component that takes a reference
+    /// and something else is its controller; the follower is the tracked output of the plant that it measures, or a
+    /// measured signal, by name, index, or place.
     pub(super) fn followed(&self) -> Vec<[(String, String); 2]> {
         let sources: Vec<&str> = self.sources().collect();
         let mut found: Vec<[(String, String); 2]> = Vec::new();
@@ -137,7 +137,7 @@ impl Structure {
         found
     }
 
-    /// What is to come to a reference.
+    /// The signal that follows a reference.
     fn follower(
         &self,
         reference: &Connection,
@@ -171,7 +171,7 @@ impl Structure {
         unit.into_iter().flat_map(|unit| &unit.connectors).filter(|connector| connector.kind == "output")
     }
 
-    /// The unit of measurement of an output, where the structure tells it.
+    /// The unit of measurement of an output, if the structure has it.
     fn unit_of_connector(&self, (unit, name): &(String, String)) -> Option<&str> {
         let connector = self.outputs(unit).find(|connector| connector.name == *name)?;
         connector.unit.as_ref().map(|unit| unit.name.as_str())
@@ -196,7 +196,8 @@ mod tests {
         plots(text).into_iter().map(|plot| (plot.title, plot.signals.join(" "))).collect()
     }
 
-    /// A loop of a setpoint, a controller and a plant: outputs of the first, of the last with their units, inputs for both.
+    /// A loop of a setpoint, a controller and a plant: outputs of the setpoint, outputs of the plant with their units,
+    /// and inputs of the controller for both.
     fn of(setpoints: &[&str], outputs: &[(&str, &str)], inputs: &[&str]) -> String {
         let connector = |name: &str, kind: &str, unit: &str| {
             let unit = if unit.is_empty() { String::new() } else { format!(" unit='{unit}'") };

@@ -40,15 +40,15 @@ pub struct Structure {
     pub file: PathBuf,
     /// Its name.
     pub name: String,
-    /// What it shows.
+    /// Description for the user.
     pub description: String,
-    /// Units, in the order in which they are stepped.
+    /// Components, in the order in which they are stepped.
     pub components: Vec<Component>,
-    /// Descriptions of units that lie beside it, by the names of their FMUs.
+    /// Descriptions that come with the loop, by the names of their FMUs.
     pub descriptions: BTreeMap<String, Source>,
     /// Connections.
     pub connections: Vec<Connection>,
-    /// Start values of what the loop has of its own where it is one unit, each name once.
+    /// Start values of the composite's own parameters, each name once.
     pub whole: Vec<StartValue>,
     /// Parameter files that it names, by their paths in its folder.
     pub parameter_files: Vec<String>,
@@ -58,25 +58,25 @@ pub struct Structure {
     pub stop_time: f64,
     /// Communication step, s.
     pub step: f64,
-    /// When units see each other's new outputs.
+    /// Order of stepping.
     pub order: Order,
-    /// What is asked for in place of that.
+    /// Order that the user asks for instead.
     pub asked_order: Option<Order>,
-    /// True if separate units may close a circle that all of them pass through without a delay.
+    /// True if separate components may close an algebraic loop.
     pub accepts_algebraic_loops: bool,
-    /// Ideal models, simulated beside the loop for comparison.
+    /// Ideal models, simulated for comparison.
     pub models: Vec<IdealModel>,
-    /// What is measured.
+    /// Metrics.
     pub metrics: Vec<Metric>,
-    /// What is plotted.
+    /// Plots.
     pub plots: Vec<Plot>,
-    /// The failure that it is to end with, if it is to.
+    /// The failure that it is expected to end with, if any.
     pub expected_failure: Option<ExpectedFailure>,
-    /// How it is tuned, unless the user says otherwise.
+    /// Default settings of tuning.
     pub tuning: Option<Tuning>,
     /// Values that variables get while it runs.
     pub events: Vec<Event>,
-    /// What was chosen for it.
+    /// Notes on choices that were made for it.
     pub notes: Vec<String>,
 }
 
@@ -90,25 +90,25 @@ impl Structure {
     }
 }
 
-/// A unit of the loop.
+/// A component of the loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Component {
     /// Its name in the loop.
     pub name: String,
-    /// What the loop names as its source.
+    /// Source attribute in the loop.
     pub source: String,
     /// Name of the FMU.
     pub fmu: String,
-    /// Where that comes from.
+    /// Origin of the FMU.
     pub file: UnitFile,
-    /// What others may connect to.
+    /// Variables that others may connect to.
     pub connectors: Vec<Connector>,
     /// Start values that differ from the FMU's own, each name once.
     pub values: Vec<StartValue>,
 }
 
 impl Component {
-    /// Its archive, where those that are taken by their names lie in a folder.
+    /// Its archive; one that is taken by its name is in the given folder.
     pub fn path_in(&self, fmus: &Path) -> PathBuf {
         match &self.file {
             UnitFile::Archive { path, .. } => path.clone(),
@@ -129,9 +129,9 @@ pub struct Connector {
     pub name: String,
     /// input, output, parameter, calculatedParameter or inout.
     pub kind: String,
-    /// Real, Integer, Boolean, String or Enumeration, where it is told.
+    /// Real, Integer, Boolean, String or Enumeration, if it is given.
     pub data_type: Option<String>,
-    /// Its unit, where that is told; else it is the FMU's.
+    /// Its unit, if that is given; else the FMU's applies.
     pub unit: Option<UnitDefinition>,
     /// Line in the file.
     pub line: u32,
@@ -142,17 +142,17 @@ pub struct Connector {
 pub struct StartValue {
     /// Name of the variable.
     pub name: String,
-    /// Real, Integer, Boolean, String or Enumeration; none where the variable decides.
+    /// Real, Integer, Boolean, String or Enumeration; none if the variable decides.
     pub data_type: Option<String>,
     /// The value.
     pub text: String,
-    /// Its unit, where that is told; else it is the variable's.
+    /// Its unit, if that is given; else the variable's applies.
     pub unit: Option<UnitDefinition>,
-    /// Where it was given.
+    /// Its source, for messages.
     pub origin: Origin,
 }
 
-/// Where something was given, for messages.
+/// Source of a value, for messages.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Origin {
     /// The file, or the argument.
@@ -164,11 +164,11 @@ pub struct Origin {
 /// A connection from an output to an input, by component and connector.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Connection {
-    /// Where the value comes from.
+    /// Source of the value.
     pub from: (String, String),
-    /// Where it goes.
+    /// Target of the value.
     pub to: (String, String),
-    /// What is made of it on the way, after the conversion of units.
+    /// Transformation of the value, after the conversion of units.
     pub transformation: Affine,
     /// True if units are converted, and must be of one dimension.
     pub convert_units: bool,
@@ -177,13 +177,13 @@ pub struct Connection {
 }
 
 impl Structure {
-    /// The unit that a variable or signal of the loop, `unit.variable`, is of.
+    /// The component of a variable or signal of the loop, `component.variable`.
     pub fn unit_of(&self, name: &str) -> Option<&Component> {
         let is_of = |unit: &&Component| name.strip_prefix(&unit.name).is_some_and(|rest| rest.starts_with('.'));
         self.components.iter().filter(is_of).max_by_key(|unit| unit.name.len())
     }
 
-    /// A unit alone, as a loop without connections; its archive gives it its name.
+    /// A standalone FMU as a loop without connections, named after its archive.
     pub fn of_unit(fmu: &Fmu, settings: Settings, values: &[(String, String)], plots: Vec<Plot>) -> Self {
         let file = fmu.file().to_owned();
         let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -206,7 +206,7 @@ impl Structure {
         Structure { components: vec![component], plots, ..bare }
     }
 
-    /// A loop of no units.
+    /// A loop without components.
     pub(crate) fn bare(file: PathBuf, name: String, description: String, settings: Settings) -> Self {
         let Settings { start_time, stop_time, step } = settings;
         Structure {
@@ -234,7 +234,7 @@ impl Structure {
         }
     }
 
-    /// Takes all units from a folder of FMUs that would come from resources, or be exported.
+    /// Takes components from a folder of FMUs instead of resources or exports.
     pub fn take_from_folder(&mut self) {
         for component in &mut self.components {
             if !matches!(component.file, UnitFile::Archive { elsewhere: true, .. }) {
@@ -243,10 +243,10 @@ impl Structure {
         }
     }
 
-    /// Leaves units out: what was connected to them is open.
+    /// Leaves components out: what was connected to them is open.
     ///
     /// # Errors
-    /// For a name that no unit has, and where none would be left.
+    /// For a name that no component has, and if none would be left.
     pub fn leave_out(&mut self, units: &[String]) -> Result<(), Error> {
         for unit in units {
             let Some(place) = self.components.iter().position(|component| component.name == *unit) else {
@@ -263,10 +263,10 @@ impl Structure {
         Ok(())
     }
 
-    /// The description of a unit: the one that lies beside the loop, or this package's.
+    /// The description of an FMU: the one that comes with the loop, or this package's.
     ///
     /// # Errors
-    /// When there is none.
+    /// If there is none.
     pub fn description_of(&self, fmu: &str) -> Result<Source, Error> {
         self.descriptions.get(fmu).map_or_else(|| find_description(fmu), |source| Ok(source.clone()))
     }
@@ -280,7 +280,7 @@ impl Structure {
         all.map(|(unit, value)| (name(unit, &value.name), value.text.clone())).collect()
     }
 
-    /// A refusal of what stands in a line of its file.
+    /// A refusal with a line of its file.
     pub fn refuse(&self, line: u32, reason: &str) -> Error {
         Origin { file: self.file.clone(), line: Some(line) }.refuse(reason)
     }
@@ -292,7 +292,7 @@ impl Origin {
         self.file.to_string_lossy().starts_with("--")
     }
 
-    /// A refusal of what was given there.
+    /// A refusal of what was given at this place.
     pub fn refuse(&self, reason: &str) -> Error {
         let reason = self.line.map_or_else(|| reason.to_owned(), |line| format!("line {line}: {reason}"));
         let file = self.file.clone();

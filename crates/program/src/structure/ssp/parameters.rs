@@ -26,10 +26,10 @@ fn read_set(text: &str, file: &Path) -> Result<Vec<StartValue>, Error> {
 }
 
 impl Component {
-    /// An FMU that stands in no loop, with the values of a parameter set.
+    /// A standalone FMU with the values of a parameter set.
     ///
     /// # Errors
-    /// When the set can't be read.
+    /// If the set can't be read.
     pub fn alone(fmu: &str, parameters: &Path) -> Result<Self, Error> {
         let text = text_file::read(parameters).map_err(Error::file(parameters))?;
         let (name, values) = (fmu.to_owned(), read_set(&text, parameters)?);
@@ -79,7 +79,7 @@ impl Reader<'_> {
         Ok(values)
     }
 
-    /// Values under the names to which a mapping leads them; what it doesn't name is left out.
+    /// Values under the names that a mapping gives them, without those that it doesn't name.
     fn mapped(&self, node: Node, values: Vec<StartValue>, files: &LoopFiles) -> Result<Vec<StartValue>, Error> {
         let Some(source) = node.attribute("source") else {
             return self.entries(self.inside(node, "ParameterMapping")?, &values);
@@ -157,7 +157,7 @@ impl Reader<'_> {
     }
 }
 
-/// Each value that prevails, the last of its name, in the order in which they were given.
+/// The last value of each name, in the order in which they were given.
 pub(super) fn latest(values: Vec<StartValue>) -> Vec<StartValue> {
     let mut names = HashSet::new();
     let mut latest: Vec<_> = values.into_iter().rev().filter(|value| names.insert(value.name.clone())).collect();
@@ -165,14 +165,14 @@ pub(super) fn latest(values: Vec<StartValue>) -> Vec<StartValue> {
     latest
 }
 
-/// Puts a value in the place of an earlier one of its name.
+/// Replaces an earlier value of the same name.
 fn put(values: &mut Vec<StartValue>, value: StartValue) {
     values.retain(|earlier| earlier.name != value.name);
     values.push(value);
 }
 
 impl Structure {
-    /// Takes over values that are named `component.variable`; those that a component has of the same name yield.
+    /// Takes over values that are named `component.variable`; they replace a component's own ones.
     ///
     /// # Errors
     /// For a name that begins with no component of the loop.
@@ -188,20 +188,20 @@ impl Structure {
         Ok(())
     }
 
-    /// Applies a parameter set: a file, or one of those that lie beside the loop.
+    /// Applies a parameter set: a file, or one of those next to the structure.
     ///
     /// # Errors
-    /// When it can't be read, or names what isn't there.
+    /// If it can't be read, or names what isn't there.
     pub fn apply_case(&mut self, case: &Path, files: &LoopFiles) -> Result<(), Error> {
         let (text, file) = files.case(case)?;
         self.apply(read_set(&text, &file)?)
     }
 
-    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU that only one has. A name
-    /// without a dot is of the loop as one unit.
+    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU of only one. A name without
+    /// a dot is a parameter of the composite.
     ///
     /// # Errors
-    /// When the text is none of that form, or UNIT isn't there.
+    /// If the text has another form, or UNIT isn't there.
     pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
         let origin = Origin { file: format!("--set {assignment}").into(), line: None };
         let Some((target, text)) = assignment.split_once('=') else {
@@ -222,7 +222,7 @@ impl Structure {
     }
 
     /// # Errors
-    /// For a value that names no unit: separate units have none in common.
+    /// For a value that names no component: separate components share none.
     pub(crate) fn check_separate(&self) -> Result<(), Error> {
         let Some(value) = self.whole.first() else { return Ok(()) };
         let reason = self.split(&value.name, |_| None).err().unwrap_or_default();
@@ -231,7 +231,7 @@ impl Structure {
         )))
     }
 
-    /// The component that a name begins with, and the variable; names of both may hold dots.
+    /// The component that a name begins with, and the variable; names of both may contain dots.
     fn split(&self, name: &str, others: impl Fn(&str) -> Option<Vec<usize>>) -> Result<(usize, String), String> {
         let parts = name.match_indices('.').map(|(dot, _)| (&name[..dot], &name[dot + 1..]));
         for (unit, variable) in parts {

@@ -1,4 +1,4 @@
-//! What all SSP files have in common: attributes, numbers, and refusals with a line.
+//! Reader for all SSP files: attributes, numbers, and refusals with a line.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use crate::model_description::{attribute, child, elements};
 pub(super) struct Reader<'a> {
     pub document: &'a Document<'a>,
     pub file: &'a Path,
-    /// Where its lines end.
+    /// Ends of its lines.
     line_ends: Vec<usize>,
 }
 
@@ -80,7 +80,7 @@ impl Reader<'_> {
         units.map(|node| UnitDefinition::read(node).map_err(|reason| self.refuse(node, &reason))).collect()
     }
 
-    /// The unit that an element names: one of the file's, else what its text tells.
+    /// The unit of measurement that an element names: one of the file's, else one parsed from the name.
     pub fn unit(&self, node: Node, units: &[UnitDefinition]) -> Option<UnitDefinition> {
         let name = attribute(node, "unit").filter(|name| !name.is_empty())?;
         let found = units.iter().find(|unit| unit.name == name).cloned();

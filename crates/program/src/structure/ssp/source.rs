@@ -1,32 +1,32 @@
-//! What a component's source names: an FMU as it is, or a description.
+//! Sources of components: archives or descriptions.
 
 use std::path::{Component, Path, PathBuf};
 
 use super::files::is_inside;
 
-/// Where a unit comes from.
+/// Origin of a component's FMU.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum UnitFile {
-    /// From a folder of FMUs, by its name; where there is none, it is exported from the description of that name.
+    /// A folder of FMUs, by its name; without one, it is exported from the description of that name.
     Named,
     /// An archive that is taken as it is.
     Archive {
         /// Its path.
         path: PathBuf,
-        /// True if it lies elsewhere than in the loop's resources under its name.
+        /// True if it isn't in the loop's resources under its name.
         elsewhere: bool,
     },
     /// A description from which it is exported.
     Description(PathBuf),
 }
 
-/// What a source may be.
+/// Allowed sources, for messages.
 const ALLOWED: &str = "must be resources/NAME.fmu, or the path or file: URI of another FMU or description (.toml)";
 
-/// The name of a unit, and where it comes from; the path is seen from a folder, which an archive's units don't leave.
+/// The name of an FMU, and its origin. The path is relative to a folder, which an archive's sources can't leave.
 ///
 /// # Errors
-/// Why there is no such unit.
+/// If there is no such FMU, with the reason.
 pub(super) fn unit_file(source: &str, folder: Option<&Path>, is_archive: bool) -> Result<(String, UnitFile), String> {
     let refuse = |reason: &str| Err(format!("source = {source}: {reason}"));
     let named = source.strip_prefix("resources/").and_then(|name| name.strip_suffix(".fmu"));
@@ -34,7 +34,7 @@ pub(super) fn unit_file(source: &str, folder: Option<&Path>, is_archive: bool) -
     let Some(folder) = folder else {
         return named.map_or_else(|| refuse(ALLOWED), |name| Ok((name, UnitFile::Named)));
     };
-    // A name may hold a percent sign as it is.
+    // A name may contain a literal percent sign.
     let relative = if folder.join(source).is_file() { Ok(PathBuf::from(source)) } else { path_of(source) };
     let Ok(relative) = relative else { return refuse(ALLOWED) };
     let path = folder.join(&relative);
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(find("5%.fmu").unwrap().0, "5%");
         assert!(find("../Gone.fmu").unwrap_err().contains("there is no file"));
         assert!(find("a.txt").is_err() && find("https://example.org/A.fmu").is_err());
-        // What came in an archive stays there.
+        // Sources in an archive can't leave it.
         for source in ["../C d.fmu", "..%2FC%20d.fmu", &uri] {
             assert!(
                 unit_file(source, Some(&inside), true).unwrap_err().contains("leads out of the archive"),

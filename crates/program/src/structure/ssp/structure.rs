@@ -33,7 +33,7 @@ impl Structure {
         Structure::parse(&files.structure_text()?, files)
     }
 
-    /// Reads a loop whose files are there, from another text than that of its own.
+    /// Reads a loop of existing files from another text than their own.
     ///
     /// # Errors
     /// What is wrong, with its file and line.
@@ -86,7 +86,7 @@ impl Reader<'_> {
             notes: files.chosen().map(|name| format!("the structure of the archive is {name}")).into_iter().collect(),
         };
         structure.stop_time = number("stopTime")?.unwrap_or_else(|| structure.proposed_stop_time());
-        // The system's values come last: they prevail over those of its components.
+        // The system's values come last, since they override those of its components.
         structure.apply(values)?;
         if ours.is_none() {
             structure.choose_defaults(root);
@@ -94,7 +94,7 @@ impl Reader<'_> {
         Ok(structure)
     }
 
-    /// The loop's name. One that another tool gave has other signs in place of those that no folder should have.
+    /// The loop's name. In another tool's name, characters that no folder should have are replaced.
     fn name(&self, root: Node, ours: Option<Node>) -> Result<String, Error> {
         match ours {
             Some(ours) => self.plain_name(if ours.has_attribute("name") { ours } else { root }),
@@ -176,20 +176,20 @@ impl Reader<'_> {
     }
 }
 
-/// Our annotation: that of the experiment, or of the whole.
+/// Our annotation: that of the experiment, or of the root.
 fn closed_loop<'a, 'b>(root: Node<'a, 'b>, experiment: Option<Node<'a, 'b>>) -> Option<Node<'a, 'b>> {
     let annotations = [experiment, Some(root)].into_iter().flatten().filter_map(|node| child(node, "Annotations"));
     let mut annotations = annotations.flat_map(|node| elements(node, "Annotation"));
     annotations.find(|node| node.attribute("type") == Some(ANNOTATION))
 }
 
-/// The name that a description gives its unit; what can't be read is told when it is used.
+/// The name in a description; one that can't be read is reported when it is used.
 fn name_of(description: &Path) -> Option<String> {
     let text = text_file::read(description).ok()?;
     model::Description::read(&text).ok().map(|description| description.name)
 }
 
-/// The descriptions that units of a loop are made of, where they aren't this package's.
+/// The descriptions of a loop's components that aren't this package's.
 fn descriptions(components: &[Component], files: &LoopFiles) -> Result<BTreeMap<String, Source>, Error> {
     let mut found: BTreeMap<String, Source> = BTreeMap::new();
     for Component { fmu, file, .. } in components {

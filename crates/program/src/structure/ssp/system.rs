@@ -11,12 +11,12 @@ use crate::error::Error;
 use crate::model_description::{Affine, UnitDefinition};
 use crate::model_description::{child, elements};
 
-/// How deep systems may lie within each other.
+/// Largest depth of nested systems.
 const DEEPEST: usize = 20;
-/// The most components of a loop: each is an FMU that is loaded.
+/// Largest number of components of a loop: each is an FMU that is loaded.
 const MOST_COMPONENTS: usize = 1000;
 
-/// A system with what lies within it; names begin with those of the systems around, `inner.unit`.
+/// A system with its contents; names begin with those of the enclosing systems, `inner.component`.
 #[derive(Debug, Default)]
 pub(super) struct System {
     pub components: Vec<Component>,
@@ -25,7 +25,7 @@ pub(super) struct System {
     pub values: Vec<StartValue>,
     /// Names of all systems.
     systems: HashSet<String>,
-    /// Their connectors, by system and name, and whether they have a unit of their own.
+    /// Their connectors, by system and name; true if they have a unit of their own.
     ports: HashMap<(String, String), bool>,
 }
 
@@ -102,7 +102,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The connections between components, where systems hand values on.
+    /// The connections between components, through the connectors of systems.
     fn through_systems(&self, node: Node, system: &System) -> Result<Vec<Connection>, Error> {
         let refuse = |line, reason: &str| Err(super::Origin { line: Some(line), ..self.origin(node) }.refuse(reason));
         for connection in &system.connections {
@@ -133,7 +133,7 @@ impl Reader<'_> {
                     connections.push(whole);
                     continue 'each;
                 }
-                // What nothing leads to is an input of the whole: it keeps its start value.
+                // A connector without a source is an input of the outer system, which stays at its start value.
                 let Some(before) = system.connections.iter().find(|other| other.to == whole.from) else {
                     continue 'each;
                 };
@@ -156,8 +156,8 @@ impl Reader<'_> {
 }
 
 impl System {
-    /// A value as it is; where it is of a system's connector, those of all inputs to which that leads. What another
-    /// output leads to takes its values from there.
+    /// A component's value as it is; for a system's connector, the values of all inputs to which it leads. A connector
+    /// with a source gets its values from there.
     fn at_units(&self, value: StartValue) -> Vec<StartValue> {
         let Some(port) = self.ports.keys().find(|(system, name)| within(system, name) == value.name) else {
             return vec![value];

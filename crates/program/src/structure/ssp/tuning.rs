@@ -1,4 +1,4 @@
-//! How a loop is tuned, as its annotation says it.
+//! Tuning settings from a loop's annotation.
 
 use roxmltree::Node;
 use serde::{Deserialize, Serialize};
@@ -7,23 +7,23 @@ use super::reader::Reader;
 use crate::error::Error;
 use crate::model_description::{attribute, elements};
 
-/// What is searched, and by what it is judged.
+/// Searched parameters and the objective.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tuning {
     /// Parameters.
     pub parameters: Vec<TunedParameter>,
-    /// What is summed up.
+    /// Terms of the objective.
     pub terms: Vec<SquareTerm>,
-    /// Time between the points that are summed up, s.
+    /// Sample time of the sum, s.
     pub sample: f64,
-    /// Until when the loop is run, s; none: as long as the loop says.
+    /// Stop time of the runs, s; none: that of the loop.
     pub until: Option<f64>,
 }
 
 /// A parameter and its bounds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TunedParameter {
-    /// Its name, `unit.variable`.
+    /// Its name, `component.variable`.
     pub name: String,
     /// Lower bound; none: the smallest value that the FMU allows.
     pub low: Option<f64>,
@@ -38,7 +38,7 @@ pub struct SquareTerm {
     pub weight: f64,
     /// The signal.
     pub of: String,
-    /// What is subtracted from it.
+    /// Signal that is subtracted from it.
     pub minus: Option<String>,
 }
 
