@@ -1,4 +1,4 @@
-//! Which controller to take: lines that a person wrote, with the numbers behind them, and whether these bear them out.
+//! Advice on which controller to choose: lines written by hand, with the numbers behind them, and a check of each.
 
 use serde::Serialize;
 
@@ -6,25 +6,25 @@ use super::quantity::meant;
 use super::record::Record;
 use super::study::{Advice, Study};
 
-/// A line of advice beside what was measured.
+/// A line of advice with measured numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Measured {
-    /// When it is meant.
+    /// Situation that it applies to.
     pub when: String,
-    /// What to take; nothing where only what is within says so.
+    /// Controller to choose; empty if only nested lines name one.
     pub take: String,
-    /// Why, with the numbers in their places.
+    /// Reason, with the numbers filled in.
     pub because: String,
-    /// True if all that it rests on holds; none where not all of it is known.
+    /// True if all its claims hold; none if not all are known.
     pub holds: Option<bool>,
-    /// What to take where something else is true, too.
+    /// Nested lines for further conditions.
     pub within: Vec<Measured>,
 }
 
 /// The advice of a study with its numbers, without that on pairs that weren't run.
 ///
 /// # Errors
-/// When it names what the league doesn't have.
+/// If it names what the league doesn't have.
 pub fn advice(study: &Study, records: &[Record]) -> Result<Vec<Measured>, String> {
     all_measured(study, records, &study.advice)
 }
@@ -54,12 +54,12 @@ fn measured(study: &Study, records: &[Record], advice: &Advice) -> Result<Option
     if ran && !advice.take.is_empty() {
         return Ok(Some(Measured { when: advice.when.clone(), take: advice.take.clone(), because, holds, within }));
     }
-    // It leads to other advice.
+    // Only its nested lines remain.
     let (when, take, because) = (advice.when.clone(), String::new(), String::new());
     Ok((!within.is_empty()).then_some(Measured { when, take, because, holds: Some(true), within }))
 }
 
-/// `A < B` or `A > B`, each a number or PLANT/CONTROLLER.QUANTITY: for certain, where a quantity is known by an interval.
+/// Checks `A < B` or `A > B`, each a number or PLANT/CONTROLLER.QUANTITY. Intervals must not overlap.
 fn holds(study: &Study, records: &[Record], claim: &str, ran: &mut bool) -> Result<Option<bool>, String> {
     let words: Vec<&str> = claim.split_whitespace().collect();
     let [left, sign @ ("<" | ">"), right] = words[..] else {

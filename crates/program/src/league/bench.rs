@@ -1,4 +1,4 @@
-//! Sensors between a plant and what measures it, actuators between a controller and its plant.
+//! Sensors at a plant's outputs, actuators between a controller and its plant.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::plants::sensor::Sensor;
 use crate::structure::{Component, Connection, Connector, Structure, UnitFile};
 use crate::system::System;
 
-/// The most samples of a delay: a third of a second at the usual sample time.
+/// Largest delay in samples: a third of a second at the usual sample time.
 pub(super) const DELAY_SAMPLES: usize = 300;
 /// Names in the loop.
 pub(crate) const SENSOR: &str = Sensor::NAME;
@@ -19,17 +19,17 @@ pub(super) const ACTUATOR: &str = Actuator::NAME;
 pub(super) const PLANT: &str = "plant";
 pub(super) const CONTROLLER: &str = "controller";
 
-/// A loop with sensors and actuators in it, and what goes through them.
+/// A loop with sensors and actuators, and their signals.
 pub(crate) struct Benched {
     pub structure: Structure,
-    /// Outputs of the plant that are measured, a channel of the sensor each.
+    /// Measured outputs of the plant, one for each channel of the sensor.
     pub measured: Vec<String>,
-    /// Outputs of the controller, a channel of the actuator each.
+    /// Outputs of the controller, one for each channel of the actuator.
     pub commands: Vec<String>,
 }
 
-/// Puts sensors and actuators, which do nothing yet, into a loop of a plant with so many controls, controller and what else there
-/// is. Actuators have delay lines for so many samples.
+/// Adds ideal sensors and actuators to a loop of a plant with `channels` controls, a controller and any other
+/// components. Actuators have delay lines for `delay_samples`.
 pub(crate) fn benched(
     plain: &Structure,
     channels: usize,
@@ -74,26 +74,26 @@ pub(crate) fn benched(
         .map(|name| unit_of(&name))
         .collect();
     for (name, units) in [(SENSOR, measured.iter().map(|name| unit_of(name)).collect()), (ACTUATOR, inputs)] {
-        // Its name is an identifier of C, which a pair's needn't be.
+        // The name must be a C identifier, which a pair's name may not be.
         let plain_name: String = plain.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
         let fmu = format!("League_{name}_{plain_name}");
         structure
             .descriptions
             .insert(fmu.clone(), description(&fmu, name, &units, if name == ACTUATOR { delay_samples } else { 0 }));
-        // In the order in which separate units are stepped: each takes what was just given.
+        // In the order of stepping: each takes the latest outputs.
         let place = structure.components.iter().position(|unit| unit.name == CONTROLLER).unwrap_or(0);
         structure.components.insert(place + usize::from(name == ACTUATOR), component(name, &fmu, units.len()));
     }
     Ok(Benched { structure, measured, commands })
 }
 
-/// The plant's input that a channel of a unit goes to.
+/// The plant's input that a channel of a component goes to.
 fn input_of(structure: &Structure, unit: &str, channel: usize) -> Option<String> {
     let from = (unit.to_owned(), format!("y[{channel}]"));
     structure.connections.iter().find(|connection| connection.from == from).map(|connection| connection.to.1.clone())
 }
 
-/// A unit that hands on signals.
+/// The description of a sensor or an actuator.
 fn description(name: &str, model: &str, units: &[String], delay_samples: usize) -> Source {
     let mut text =
         format!("name = \"{name}\"\nmodel = \"{model}\"\ndescription = \"{model} of a league\"\n\n[structure]\n");

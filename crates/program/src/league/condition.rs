@@ -1,4 +1,4 @@
-//! What differs from the nominal loop.
+//! Conditions: deviations from the nominal loop.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,30 +9,30 @@ use super::study::{Mixer, Plant, Shift};
 use crate::fmu::Value;
 use crate::simulation::{Change, Place};
 
-/// A disturbance lasts so long, s.
+/// Duration of a disturbance, s.
 const PULSE: f64 = 2.0;
-/// The parameters that aren't known well are off by this part in the conditions of their own.
+/// Relative error of the uncertain parameters in the conditions on them.
 const OFF: f64 = 0.3;
 
 /// A condition under which every controller runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
-    /// As it was designed for.
+    /// The loop as it was designed.
     Nominal,
-    /// All parameters that aren't known well are larger by 30 %.
+    /// All uncertain parameters are larger by 30 %.
     Larger,
-    /// The same smaller.
+    /// The same parameters are smaller by 30 %.
     Smaller,
-    /// With the payload.
+    /// The plant carries the payload.
     Payload,
-    /// Disturbed for two seconds.
+    /// A disturbance acts for two seconds.
     Pulse,
-    /// The actuators lose effect in the middle of the run.
+    /// The actuators lose effectiveness in the middle of the run.
     Loss,
-    /// A part of the plant fails in the middle of the run, where the study names one.
+    /// A part of the plant fails in the middle of the run, if the study names one.
     Fault,
-    /// Through sensors with noise, and actuators with a lag and limits.
+    /// Sensors have noise, and actuators a lag and limits.
     Bench,
     /// Larger parameters, payload, pulse, loss, fault and bench.
     Together,
@@ -52,7 +52,7 @@ impl Condition {
         Condition::Together,
     ];
 
-    /// In a few words.
+    /// Title in a few words.
     pub fn title(self) -> &'static str {
         match self {
             Condition::Nominal => "nominal",
@@ -67,7 +67,7 @@ impl Condition {
         }
     }
 
-    /// Those that a plant has, in the order of the page.
+    /// Conditions that a plant has, in the order of the page.
     pub fn of(plant: &Plant) -> Vec<Condition> {
         let has = |condition: &Condition| *condition != Condition::Fault || !plant.fault.is_empty();
         Condition::ALL.into_iter().filter(has).collect()
@@ -78,7 +78,7 @@ impl Condition {
     }
 }
 
-/// What is set at the start and while a loop runs.
+/// Values that are set at the start and during a run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Deviation {
     pub start: Vec<(Place, Value)>,
@@ -92,7 +92,7 @@ impl Deviation {
         self.start.push((place, Value::Real(value)));
     }
 
-    /// The value at the start, of what was set here.
+    /// The start value, if it was set here.
     fn get(&self, place: Place) -> Option<f64> {
         self.start.iter().find_map(|(known, value)| match value {
             Value::Real(value) if *known == place => Some(*value),
@@ -102,10 +102,10 @@ impl Deviation {
 }
 
 impl Pair<'_> {
-    /// What a condition is in this loop.
+    /// Deviation for a condition in this loop.
     ///
     /// # Errors
-    /// When the study names what the loop doesn't have.
+    /// If the study names what the loop doesn't have.
     pub(super) fn condition(&self, condition: Condition) -> Result<Deviation, String> {
         let mut deviation = Deviation::default();
         let off = if condition.includes(Condition::Larger) { 1.0 + OFF } else { 1.0 - OFF };
@@ -145,13 +145,13 @@ impl Pair<'_> {
         Ok(deviation)
     }
 
-    /// With sensors and actuators as they are, and noise of a seed.
+    /// Adds real sensors and actuators, and noise with a seed.
     pub(super) fn put_on_bench(&self, deviation: &mut Deviation, seed: i32) -> Result<(), String> {
         let bench = &self.plant.bench;
         for (k, (low, high)) in bench.u_min.iter().zip(&bench.u_max).enumerate() {
             let k = k + 1;
             for unit in [ACTUATOR, CONTROLLER] {
-                // A controller that can know the limits does.
+                // A controller with these parameters knows the limits.
                 for (name, value) in [("u_min", *low), ("u_max", *high)] {
                     match self.place(&format!("{unit}.{name}[{k}]")) {
                         Ok(place) => deviation.set(place, value),
@@ -179,7 +179,7 @@ impl Pair<'_> {
         Ok(())
     }
 
-    /// With the limits that the mixer puts on all controls together, of which a controller that can know does.
+    /// Sets the joint limits of all controls by the mixer, also in a controller with these parameters.
     fn mix(&self, deviation: &mut Deviation, mixer: &Mixer) -> Result<(), String> {
         for (name, value) in &mixer.set {
             deviation.set(self.place(&format!("{MIXER}.{name}"))?, *value);
@@ -192,7 +192,7 @@ impl Pair<'_> {
         Ok(())
     }
 
-    /// Shifts a variable, on top of what was shifted before.
+    /// Shifts a variable, in addition to earlier shifts.
     pub(super) fn shift(&self, place: Place, shift: Shift, deviation: &mut Deviation) {
         let value = deviation.get(place).unwrap_or_else(|| self.nominal(place));
         deviation.set(place, shift.of(value));

@@ -10,12 +10,12 @@ use super::pair::{Form, Pair};
 use crate::parallel;
 use crate::tuning::{Motion, Swarm};
 
-/// What a search of gains came to.
+/// Result of a search of gains.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
-    /// The gains, by their names in the loop; none where the controller stays as it is.
+    /// The gains, by their names in the loop; none if the controller stays as it is.
     pub values: BTreeMap<String, f64>,
-    /// By how much those that the search scales together were scaled.
+    /// Factor of each group of gains that the search scales together.
     pub factors: Vec<(String, f64)>,
     /// The cost with the gains before the search.
     pub before: f64,
@@ -26,10 +26,10 @@ pub struct Gains {
 }
 
 impl Pair<'_> {
-    /// Searches gains for the nominal plant behind sensors and actuators; none where the user interrupts.
+    /// Searches gains for the nominal plant with sensors and actuators; none if the user interrupts.
     ///
     /// # Errors
-    /// When the bench doesn't fit the loop.
+    /// If the bench doesn't fit the loop.
     pub fn search(&self, is_interrupted: &(dyn Fn() -> bool + Sync)) -> Result<Option<Gains>, String> {
         let groups = self.tuned();
         let as_it_is = vec![0.0; groups.len()];
@@ -38,7 +38,7 @@ impl Pair<'_> {
             let gains = Gains { before: cost, after: cost, runs: self.budget.noises as usize, ..Gains::default() };
             return Ok((!is_interrupted()).then_some(gains));
         }
-        // Factors are searched by their logarithms. The first particle begins with the gains as they are.
+        // Factors are searched by their logarithms. The first particle starts at the initial gains.
         let [low, high] = self.budget.gain_range.map(f64::ln);
         let bounds = vec![(low, high); groups.len()];
         let mut swarm = Swarm::new(self.budget.particles, bounds, Some(as_it_is), Motion::default(), self.budget.seed);
@@ -71,8 +71,8 @@ impl Pair<'_> {
         groups.flat_map(scale).collect()
     }
 
-    /// The mean cost of each position over noises. What has become larger than a position's bound isn't looked at any
-    /// further: any number above it says the same to the swarm.
+    /// The mean cost of each position over noises. A run ends once its cost exceeds the position's bound, since the
+    /// swarm treats all numbers above it alike.
     fn costs(
         &self,
         positions: &[&[f64]],
@@ -110,7 +110,7 @@ impl Pair<'_> {
 }
 
 impl Gains {
-    /// The gains without the name of the controller, in words.
+    /// The gains as text, without the name of the controller.
     pub fn told(&self) -> String {
         let plain = |name: &String| name.strip_prefix(CONTROLLER).unwrap_or(name).trim_start_matches('.').to_owned();
         let told = self.values.iter().map(|(name, value)| format!("{} = {value:.4}", plain(name)));

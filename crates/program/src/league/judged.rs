@@ -1,16 +1,16 @@
-//! What a run came to, and when it counts as a failure.
+//! Outcome of a run, and its failures.
 
 use serde::{Deserialize, Serialize};
 
 use super::study::Plant;
 use crate::report::number;
 
-/// What a run came to.
+/// Outcome of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// Why it failed, if it did.
+    /// Failure, if it failed.
     pub failure: Option<Failure>,
-    /// Root mean square of each error, from when on errors are judged.
+    /// Root mean square of each error, from the settled time on.
     pub rms: Vec<f64>,
     /// Largest magnitude of each error, from the same time on.
     pub worst: Vec<f64>,
@@ -20,36 +20,36 @@ pub struct Outcome {
     pub peak: Vec<f64>,
     /// Total variation of each command, 1/s.
     pub variation: Vec<f64>,
-    /// What a search of gains minimises.
+    /// Objective that a search of gains minimizes.
     pub cost: f64,
 }
 
 /// A failure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
-    /// When, s.
+    /// Time, s.
     pub at: f64,
-    /// Why, in words.
+    /// Reason, for the user.
     pub reason: String,
 }
 
-/// An outcome that stands: a failure was repeated with a hundredth of the tolerance and half the step.
+/// A confirmed outcome: a failure was repeated with a hundredth of the tolerance and half the step.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Judged {
-    /// What it came to.
+    /// The outcome.
     pub outcome: Outcome,
-    /// True if a first run failed and the finer one didn't, which counts then.
+    /// True if the first run failed and the finer one, which then counts, didn't.
     pub mended: bool,
 }
 
-/// Weights of the cost, beside 1 of the errors: of the commands, and of their variation.
+/// Weight of the commands and of their variation in the cost; that of the errors is 1.
 const COMMANDS: f64 = 0.01;
-/// What a failure costs, for the part of the time that is left.
+/// Cost of a failure, times the remaining part of the run.
 const FAILED: f64 = 1e6;
-/// How much livelier than nominal commands may be near a margin: so many times the variation, and the part of the peak.
+/// Allowed variation of commands near a margin: a multiple of the nominal variation plus a part of the nominal peak.
 const LIVELIER: (f64, f64) = (3.0, 0.1);
 
-/// Where the signals of a run stand in its row.
+/// Places of a run's signals in its row.
 #[derive(Debug, Clone)]
 pub(super) struct Signals {
     pub errors: Vec<[usize; 2]>,
@@ -63,9 +63,9 @@ pub(super) struct Watch<'a> {
     signals: &'a Signals,
     sizes: Vec<f64>,
     duration: f64,
-    /// From when on errors are judged, s.
+    /// Time from which errors are judged, s.
     settled: f64,
-    /// The run ends where its cost can't be less than this any more.
+    /// Bound of the cost: the run ends once it is sure to exceed it.
     most: f64,
     last: Option<(f64, Vec<f64>)>,
     judged: u32,
@@ -75,7 +75,7 @@ pub(super) struct Watch<'a> {
 }
 
 impl<'a> Watch<'a> {
-    /// A run of this length, which ends early where its cost becomes larger than `most`, come what may.
+    /// Watches a run of this length, which ends early once its cost is sure to exceed `most`.
     pub fn new(plant: &'a Plant, signals: &'a Signals, (duration, most): (f64, f64)) -> Self {
         let (errors, commands) = (vec![0.0; signals.errors.len()], vec![0.0; signals.commands.len()]);
         let outcome = Outcome {
@@ -87,13 +87,13 @@ impl<'a> Watch<'a> {
             ..Outcome::default()
         };
         let sizes = plant.sizes();
-        // A run that is shorter than the plant's own is judged in its second half at least.
+        // A run that is shorter than the plant's own is judged at least in its second half.
         let settled = if duration < plant.duration { plant.settled.min(0.5 * duration) } else { plant.settled };
         let (last, judged, points, errors) = (None, 0, 0, 0.0);
         Watch { plant, signals, sizes, duration, settled, most, last, judged, points, errors, outcome }
     }
 
-    /// Takes a point of the run; whether it goes on.
+    /// Takes a point of the run. Returns true if the run goes on.
     pub fn point(&mut self, time: f64, row: &[f64]) -> bool {
         let lost = self.signals.outputs.iter().map(|&place| row[place].abs());
         if let Some(value) = lost.filter(|value| *value > self.plant.envelope).reduce(f64::max) {
@@ -127,29 +127,29 @@ impl<'a> Watch<'a> {
         self.least_cost() <= self.most
     }
 
-    /// What the cost of the whole run can't be below. One that fails yet costs as much at least.
+    /// Lower bound of the cost of the whole run, also if it still fails.
     fn least_cost(&self) -> f64 {
         (self.errors + COMMANDS * self.moved(self.duration)).min(FAILED)
     }
 
-    /// Total variation of all commands, in largest controls, a second of some time.
+    /// Total variation of all commands, in largest controls per second, over some time.
     fn moved(&self, time: f64) -> f64 {
         let moved = self.outcome.variation.iter().zip(&self.sizes).map(|(total, size)| total / (size * time));
         moved.sum()
     }
 
-    /// Notes a failure; the run ends.
+    /// Notes a failure. Returns false, since the run ends.
     pub fn fail(&mut self, at: f64, reason: String) -> bool {
         self.outcome.failure = Some(Failure { at, reason });
         false
     }
 
-    /// When the latest point was, s.
+    /// Time of the latest point, s.
     pub fn time(&self) -> f64 {
         self.last.as_ref().map_or(0.0, |(time, _)| *time)
     }
 
-    /// What it came to.
+    /// The outcome.
     pub fn outcome(mut self) -> Outcome {
         let (time, points) = (self.time().max(f64::MIN_POSITIVE), f64::from(self.points.max(1)));
         let root = |sum: &mut f64, count: f64| *sum = (*sum / count).sqrt();
@@ -165,29 +165,29 @@ impl<'a> Watch<'a> {
 }
 
 impl Outcome {
-    /// True if it tracked.
+    /// True if it didn't fail.
     pub fn holds(&self) -> bool {
         self.failure.is_none()
     }
 
-    /// The same, beside a run that nothing disturbs: a control that chatters counts as lost too.
+    /// The same, compared with a nominal run: a control that chatters counts as a failure too.
     pub fn holds_beside(&self, nominal: &Outcome) -> bool {
         let (times, part) = LIVELIER;
         let calm = |k: usize| self.variation[k] <= times * nominal.variation[k] + part * nominal.peak[k];
         self.holds() && (0..self.variation.len()).all(calm)
     }
 
-    /// The errors in one number: root mean square of their parts of what counts as a failure.
+    /// The errors in one number: root mean square relative to their limits.
     pub fn error(&self, plant: &Plant) -> f64 {
         mean_square(self.rms.iter().zip(&plant.error_limits)).sqrt()
     }
 
-    /// The commands in one number: root mean square of their parts of the largest control.
+    /// The commands in one number: root mean square relative to the largest control.
     pub fn commanded(&self, plant: &Plant) -> f64 {
         mean_square(self.effort.iter().zip(&plant.sizes())).sqrt()
     }
 
-    /// The total variation of all commands in one number: in largest controls a second.
+    /// The total variation of all commands in one number, in largest controls per second.
     pub fn moved(&self, plant: &Plant) -> f64 {
         let sizes = plant.sizes();
         self.variation.iter().zip(&sizes).map(|(total, size)| total / size).sum::<f64>() / sizes.len() as f64
@@ -222,7 +222,7 @@ mod tests {
         .unwrap()
     }
 
-    /// A run of random errors and commands of these magnitudes, with the cost that ends it.
+    /// A run of random errors and commands of these magnitudes, with the bound of its cost.
     fn outcome(seed: u64, [error, command]: [f64; 2], most: f64) -> Outcome {
         let (plant, mut random) = (plant(), fastrand::Rng::with_seed(seed));
         let signals = Signals { errors: vec![[0, 1]], commands: vec![2], outputs: vec![0] };
@@ -232,12 +232,12 @@ mod tests {
         watch.outcome()
     }
 
-    /// What ends early would have cost more than the bound; what would have cost less doesn't end early.
+    /// A run ends early exactly if its full cost exceeds the bound.
     #[test]
     fn a_run_that_ends_for_its_cost_says_the_same_to_a_search_as_the_whole_one() {
         let (mut cut, mut whole) = (0, 0);
         for seed in 0..200 {
-            // From calm ones to those that fail, once errors are judged.
+            // From calm runs to runs that fail once errors are judged.
             let sizes = [0.01 * 1.03_f64.powi(seed), 0.1 * 1.05_f64.powi(seed)];
             let seed = seed.cast_unsigned().into();
             let all = outcome(seed, sizes, f64::INFINITY);

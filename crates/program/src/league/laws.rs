@@ -1,4 +1,4 @@
-//! What each law is good and bad at, over all its plants, in measured words.
+//! Strengths and weaknesses of each controller over all its plants, as measured.
 
 use super::condition::Condition;
 use super::quantity::Quantity;
@@ -6,16 +6,16 @@ use super::record::Record;
 use super::standing::{Rank, standings};
 use super::study::Study;
 
-/// A law on all its plants.
+/// A controller on all its plants.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Law {
     /// Its name.
     pub name: String,
-    /// What was measured, a sentence each.
+    /// Measured facts, a sentence each.
     pub sentences: Vec<String>,
 }
 
-/// All laws of which some pair was computed, in the order in which the study names them first.
+/// All controllers with a computed pair, in the order in which the study names them first.
 pub fn laws(study: &Study, records: &[Record]) -> Vec<Law> {
     let mut names: Vec<&str> = Vec::new();
     for entry in study.plant.iter().flat_map(|plant| &plant.controller) {
@@ -40,7 +40,7 @@ fn sentences(study: &Study, records: &[Record], own: &[&Record]) -> Vec<String> 
     told
 }
 
-/// Under how many conditions it held, and where it failed.
+/// The number of conditions that it passed, and those that it failed.
 fn conditions(own: &[&Record]) -> String {
     let all = own.iter().flat_map(|record| {
         let conditions = record.conditions.iter().flatten();
@@ -62,7 +62,7 @@ fn conditions(own: &[&Record]) -> String {
     told + "."
 }
 
-/// Where it is first and last among all on the plant, where intervals separate.
+/// Plants on which it is first or behind others, if intervals separate them.
 fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
     let (mut first, mut behind, mut ranked) = (Vec::new(), Vec::new(), 0);
     for record in own {
@@ -70,7 +70,7 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
         let place = of_plant.iter().position(|other| other.controller == record.controller)?;
         let standings = standings(&of_plant);
         let others = standings.iter().filter(|standing| standing.error.is_some()).count();
-        // Alone it is neither first nor last.
+        // A single controller is neither first nor last.
         let Some(Rank { place, shared }) = standings[place].error.filter(|_| others > 1) else { continue };
         ranked += 1;
         match (place, shared) {
@@ -100,7 +100,7 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
     Some(told)
 }
 
-/// A quantity beside the best of each plant.
+/// A quantity relative to the best of each plant.
 fn beside_best(study: &Study, records: &[Record], own: &[&Record], quantity: Quantity) -> Option<String> {
     let mut ratios = Vec::new();
     for record in own {
@@ -116,7 +116,7 @@ fn beside_best(study: &Study, records: &[Record], own: &[&Record], quantity: Qua
     let (Some((low, at_low)), Some((high, at_high))) = (ratios.first(), ratios.last()) else {
         return Some(format!("{title}: none, because it fails."));
     };
-    // Where it fails there is no number, which is not to be taken for a good one.
+    // A failure has no number, which must not be taken for a good one.
     let without = own.len() - ratios.len();
     let without = if without == 0 { String::new() } else { format!("; none on {without} of {} plants", own.len()) };
     if ratios.len() == 1 {

@@ -1,4 +1,4 @@
-//! Margins: how much of something the loop bears.
+//! Margins: the largest delay, lag, gain and step that the loop tolerates.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use super::judged::Outcome;
 use super::pair::{Form, Pair};
 use crate::parallel;
 
-/// The margins of a loop of the nominal plant, without sensors and actuators but for what is asked.
+/// The margins of a loop of the nominal plant with ideal sensors and actuators.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
     /// Dead time of the actuators, s.
@@ -19,32 +19,32 @@ pub struct Margins {
     pub gain: Margin,
     /// Divisor of the controls.
     pub divided: Margin,
-    /// Communication step where all units are stepped at once, s.
+    /// Communication step with all components stepped simultaneously (Jacobi), s.
     pub step: Margin,
 }
 
-/// The most that was borne, as far as it was looked for. What lies between is taken to be borne too.
+/// The largest tolerated value within the range of the search. All smaller values are assumed to be tolerated too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Margin {
-    /// The largest value that the loop was seen to bear; where it bears none, the smallest that was tried.
+    /// The largest value at which the loop passed; if it passed at none, the smallest that was tried.
     pub value: f64,
-    /// How it was found.
+    /// Kind of bound that the value is.
     pub bound: Bound,
 }
 
-/// How a margin was found.
+/// Kind of bound that a margin's value is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Bound {
-    /// Between one that is borne and one that isn't.
+    /// The margin is between a value that passed and one that failed.
     Within,
-    /// The largest that was tried is borne.
+    /// The largest value that was tried passed.
     AtLeast,
-    /// The smallest that was tried isn't.
+    /// The smallest value that was tried failed.
     Below,
 }
 
-/// What is looked for.
+/// Kind of margin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     DeadTime,
@@ -68,10 +68,10 @@ impl Kind {
 }
 
 impl Pair<'_> {
-    /// All margins, of commands that are compared with those of a nominal run; none where the user interrupts.
+    /// All margins, with commands compared with those of a nominal run; none if the user interrupts.
     ///
     /// # Errors
-    /// When the actuators lack a variable.
+    /// If the actuators lack a variable.
     pub fn margins(
         &self,
         nominal: &Outcome,
@@ -107,7 +107,7 @@ impl Pair<'_> {
         let mut deviation = Deviation::default();
         let (name, value) = match kind {
             Kind::DeadTime => {
-                // A delay is a whole number of samples, of a millisecond at most.
+                // A delay is a whole number of samples of at most a millisecond.
                 let samples = (value / 1e-3).ceil().min(DELAY_SAMPLES as f64);
                 deviation.set(self.place(&format!("{ACTUATOR}.sample_time"))?, value / samples);
                 ("delay", value)
@@ -123,7 +123,7 @@ impl Pair<'_> {
     }
 }
 
-/// The largest value within a range that is borne, to a part of itself, by halving ratios.
+/// The largest tolerated value within a range, to a relative accuracy, by bisection of the ratio.
 fn bisected(
     (low, high): (f64, f64),
     part: f64,

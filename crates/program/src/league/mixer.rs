@@ -1,4 +1,4 @@
-//! A unit between a controller and the actuators of its plant, which limits their controls together.
+//! Mixers, between a controller and the actuators of its plant, which limit the controls jointly.
 
 use std::path::Path;
 
@@ -15,15 +15,15 @@ pub(super) const MIXER: &str = "mixer";
 const ASKED: &str = "u";
 const ACHIEVED: &str = "achieved";
 
-/// The control of a channel, counted from 1, that the mixer leaves.
+/// The control of a channel, counted from 1, after the mixer.
 pub(super) fn achieved(channel: usize) -> String {
     format!("{MIXER}.{ACHIEVED}[{channel}]")
 }
 
-/// Puts a mixer, which limits nothing yet, before the actuators of a loop. Its files are in this folder, with the study.
+/// Adds a mixer without limits before the actuators of a loop. Its files are in this folder, with the study.
 ///
 /// # Errors
-/// When there is no such unit, or it lacks a parameter.
+/// If there is no such FMU, or it lacks a parameter.
 pub(super) fn put(structure: &mut Structure, mixer: &Mixer, folder: &Path) -> Result<(), Error> {
     let mut asked = Vec::new();
     for connection in structure.connections.iter_mut().filter(|connection| connection.to.0 == ACTUATOR) {
@@ -35,7 +35,7 @@ pub(super) fn put(structure: &mut Structure, mixer: &Mixer, folder: &Path) -> Re
     }
     let unit = component(structure, mixer, asked.len(), folder)?;
     structure.connections.extend(asked);
-    // Separate units are stepped in this order: the actuators take what the mixer has just given.
+    // In the order of stepping: the actuators take the mixer's latest outputs.
     let place = structure.components.iter().position(|unit| unit.name == ACTUATOR).unwrap_or(0);
     structure.components.insert(place, unit);
     mixer.without.iter().try_for_each(|(name, value)| structure.set(&format!("{MIXER}.{name}={value}")))

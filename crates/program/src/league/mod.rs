@@ -1,8 +1,8 @@
 //! The league: controllers on equal terms, on the same plants under the same conditions (`league`).
 //!
-//! A [`Study`] is data: plants, each with its controllers, conditions and what counts as a failure. A [`Pair`] is the loop of
-//! a plant and a controller, behind sensors and actuators; every gain is found by the same search, and then nothing
-//! is touched. What a pair came to is its [`Record`], a file of its own; [`Page`] shows them all.
+//! A [`Study`] is data: plants, each with its controllers, conditions and limits. A [`Pair`] is the loop of a plant
+//! and a controller, with sensors and actuators; the same search tunes all gains, which then stay fixed. Its result
+//! is a [`Record`], a file of its own; [`Page`] shows them all.
 
 mod advice;
 pub(crate) mod bench;

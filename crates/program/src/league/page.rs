@@ -1,4 +1,4 @@
-//! The page: which controller to take, what each law is good and bad at, and a table and a picture of every plant. It loads
+//! The page: advice, strengths and weaknesses of each controller, and a table and a picture of every plant. It loads
 //! nothing and needs no script.
 
 use std::collections::BTreeSet;
@@ -38,12 +38,12 @@ const OWN_STYLE: &str = "
   @media print { h2 { break-before: page; } }
 ";
 
-/// A league as far as it was computed.
+/// A league, as far as it is computed.
 #[derive(Debug)]
 pub struct Page<'a> {
-    /// What was asked for.
+    /// The study.
     pub study: &'a Study,
-    /// What came out.
+    /// The results.
     pub records: &'a [Record],
 }
 
@@ -51,7 +51,7 @@ impl Page<'_> {
     /// The page.
     ///
     /// # Errors
-    /// When the study's advice names what the league doesn't have.
+    /// If the study's advice names what the league doesn't have.
     pub fn html(&self) -> Result<String, String> {
         let Study { title, about, .. } = self.study;
         let mut page = still(title, about, OWN_STYLE);
@@ -251,7 +251,7 @@ fn push_conditions(page: &mut String, plant: &Plant, records: &[&Record]) {
     );
 }
 
-/// How many runs failed at first, and not when they were run again.
+/// Number of runs that failed at first, but not when they were repeated.
 fn mended(records: &[Record]) -> usize {
     let conditions = records.iter().flat_map(|record| record.conditions.iter().flatten());
     let of_conditions = conditions.filter(|(_, judged)| judged.mended).count();
@@ -259,7 +259,7 @@ fn mended(records: &[Record]) -> usize {
         + records.iter().filter_map(|record| record.spread.as_ref()).map(|spread| spread.mended).sum::<usize>()
 }
 
-/// Which versions computed the results.
+/// Versions that computed the results.
 fn versions(records: &[Record]) -> String {
     let all: BTreeSet<&str> = records.iter().map(|record| record.version.as_str()).collect();
     all.into_iter().collect::<Vec<_>>().join(", ")

@@ -15,13 +15,13 @@ use crate::near;
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Draft, Found, LoopFiles, Order, Settings, Structure, Wishes};
 
-/// The parameter of a unit, or of a loop that is one, that says how well it is integrated.
+/// The parameter of a component or a composite for the accuracy of integration.
 const TOLERANCE: &str = "relative_tolerance";
-/// A failure is repeated with this part of the tolerance, and of the step.
+/// Factors of tolerance and step with which a failure is repeated.
 const FINER: (f64, f64) = (1e-2, 0.5);
 
-/// A loop as one unit, with sensors and actuators that do nothing unless they are told to; and the same without them, as
-/// separate units.
+/// A loop as a single FMU with sensors and actuators, which are ideal by default; and the same loop without them as
+/// separate components.
 #[derive(Debug)]
 pub struct Pair<'a> {
     /// The plant.
@@ -29,24 +29,24 @@ pub struct Pair<'a> {
     /// The controller.
     pub entry: &'a Entry,
     pub(super) budget: Budget,
-    /// Outputs of the plant that are measured, a channel of the sensor each.
+    /// Measured outputs of the plant, one for each channel of the sensor.
     pub(super) measured: Vec<String>,
     whole: LoadedLoop,
-    /// The same with delay lines, which would make every evaluation dearer. Its variables have the same places.
+    /// The same with delay lines, which slow down every evaluation. Its variables have the same places.
     delayed: LoadedLoop,
-    /// True if these are one unit; else units that are stepped one after the other.
+    /// True if these are single FMUs; else their components are stepped one after the other.
     is_one: bool,
     signals: Signals,
     separate: LoadedLoop,
     apart: Signals,
-    /// What the search found.
+    /// Gains that the search found.
     gains: Vec<(Place, Value)>,
     gains_apart: Vec<(Place, Value)>,
-    /// Checksum of the descriptions of its units.
+    /// Checksum of the descriptions of its components.
     pub(super) checksum: String,
 }
 
-/// Which of its forms runs.
+/// Form in which a pair runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     Whole,
@@ -55,10 +55,10 @@ pub(super) enum Form {
 }
 
 impl<'a> Pair<'a> {
-    /// Wires the units of a pair by the names of their signals. Files lie beside the study, in this folder.
+    /// Wires the components of a pair by the names of their signals. Files are in this folder, with the study.
     ///
     /// # Errors
-    /// When a unit isn't there, an input has nothing to go to it, or the study names what the loop doesn't have.
+    /// If an FMU isn't there, an input has no source, or the study names what the loop doesn't have.
     pub fn new(
         plant: &'a Plant,
         entry: &'a Entry,
@@ -86,7 +86,7 @@ impl<'a> Pair<'a> {
         let separate = units.load_apart(&Structure { order: Order::Jacobi, ..plain.clone() })?;
         let checksum = units.checksum(&benched.structure)?;
         let asked: Vec<_> = benched.commands.iter().map(|name| format!("{CONTROLLER}.{name}")).collect();
-        // Controls are judged as what is achieved of them, whoever limits them.
+        // Controls are judged after the mixer's limits.
         let achieved = plant.bench.mixer.as_ref().map(|_| (1..=asked.len()).map(mixer::achieved).collect::<Vec<_>>());
         let pair = Pair {
             signals: signals(&whole, plant, achieved.as_ref().unwrap_or(&asked)).map_err(refuse)?,
@@ -108,7 +108,7 @@ impl<'a> Pair<'a> {
         Ok(pair)
     }
 
-    /// True if it runs as one unit; else as separate ones, since a part of it is made of parts itself.
+    /// True if it runs as a single FMU; else as separate components, since a part has parts itself.
     pub fn is_one_unit(&self) -> bool {
         self.is_one
     }
@@ -118,7 +118,7 @@ impl<'a> Pair<'a> {
         self.tuned().into_iter().flatten().map(|(name, _)| name).collect()
     }
 
-    /// All names of the study are there, before anything runs.
+    /// Checks all names of the study before anything runs.
     fn check(&self, outputs: &[&str]) -> Result<(), String> {
         for condition in Condition::ALL {
             self.condition(condition)?;
@@ -151,13 +151,13 @@ impl<'a> Pair<'a> {
         Ok(())
     }
 
-    /// The names of a unit's Real parameters.
+    /// The names of a component's Real parameters.
     fn parameters(&self, unit: &str) -> Vec<String> {
         let names = self.whole.tunable().into_iter();
         names.filter_map(|name| name.strip_prefix(unit)?.strip_prefix('.').map(str::to_owned)).collect()
     }
 
-    /// The place of a variable of the loop as one unit.
+    /// The place of a variable of the composite.
     pub(super) fn place(&self, name: &str) -> Result<Place, String> {
         let found = self.whole.variable(name);
         found.map(|(place, _)| place).ok_or_else(|| {
@@ -166,12 +166,12 @@ impl<'a> Pair<'a> {
         })
     }
 
-    /// The places of a unit's Real variable: all its elements.
+    /// The places of all elements of a component's Real variable.
     pub(super) fn elements(&self, unit: &str, name: &str) -> Vec<Place> {
         of_name(&self.whole, unit, name).into_iter().map(|(_, place)| place).collect()
     }
 
-    /// The parameters that aren't known well.
+    /// The uncertain parameters.
     pub(super) fn uncertain(&self) -> Vec<Place> {
         self.plant.uncertain.iter().flat_map(|name| self.elements(PLANT, name)).collect()
     }
@@ -181,7 +181,7 @@ impl<'a> Pair<'a> {
         self.whole.start_of(place).unwrap_or(0.0)
     }
 
-    /// The gains that a search scales, with their values: one list a name.
+    /// The gains that a search scales, with their values: one list for each group.
     pub(super) fn tuned(&self) -> Vec<Vec<(String, f64)>> {
         let group = |names: &String| {
             let found = names.split_whitespace().flat_map(|name| of_name(&self.whole, CONTROLLER, name));
@@ -190,7 +190,7 @@ impl<'a> Pair<'a> {
         self.entry.tune.iter().map(group).collect()
     }
 
-    /// From now on the controller has these gains.
+    /// Sets the controller's gains for all further runs.
     pub(super) fn take_gains(&mut self, gains: &BTreeMap<String, f64>) {
         let of = |loaded: &LoadedLoop| {
             let placed = gains.iter().filter_map(|(name, value)| Some((loaded.variable(name)?.0, Value::Real(*value))));
@@ -199,7 +199,7 @@ impl<'a> Pair<'a> {
         (self.gains, self.gains_apart) = (of(&self.whole), of(&self.separate));
     }
 
-    /// Runs the loop for some time; `is_interrupted` is asked at every point.
+    /// Runs the loop for some time; `is_interrupted` is called at every point.
     pub(super) fn run(
         &self,
         deviation: &Deviation,
@@ -210,7 +210,7 @@ impl<'a> Pair<'a> {
         self.run_while_cheap(deviation, how, (fineness, f64::INFINITY), is_interrupted)
     }
 
-    /// The same, ended early where its cost becomes larger than `most`.
+    /// The same, ended early once its cost is sure to exceed `most`.
     pub(super) fn run_while_cheap(
         &self,
         deviation: &Deviation,
@@ -239,12 +239,12 @@ impl<'a> Pair<'a> {
         watch.outcome()
     }
 
-    /// The outcome of a whole run that stands.
+    /// The confirmed outcome of a run as a single FMU.
     pub(super) fn judged(&self, deviation: &Deviation, is_interrupted: &dyn Fn() -> bool) -> Judged {
         self.stands(deviation, Form::Whole, self.plant.step, is_interrupted, |outcome| outcome.holds())
     }
 
-    /// An outcome that stands: what doesn't hold is run once more with a finer step and tolerance, and that counts.
+    /// A confirmed outcome: a failed run is repeated more finely (step and tolerance), which counts if it passes.
     pub(super) fn stands(
         &self,
         deviation: &Deviation,
@@ -258,7 +258,7 @@ impl<'a> Pair<'a> {
         if holds(&outcome) || is_interrupted() {
             return Judged { outcome, mended: false };
         }
-        // A step that is what is looked for isn't made finer.
+        // The step isn't refined if it is the value that is searched.
         let finer = if form == Form::Separate { step } else { FINER.1 * step };
         let again = self.run(deviation, (form, duration, finer), FINER.0, is_interrupted);
         let mended = holds(&again);
@@ -266,7 +266,7 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// True if a variable is that of a name, or an element of it.
+/// True if a variable has this name, or is an element of that.
 fn is_of(variable: &str, name: &str) -> bool {
     variable.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('['))
 }
@@ -278,7 +278,7 @@ fn of_name(loaded: &LoadedLoop, unit: &str, name: &str) -> Vec<(String, Place)> 
     found.map(|(known, place, _)| (known, place)).collect()
 }
 
-/// The units of a pair as a loop, with the start values of the study.
+/// The components of a pair as a loop, with the start values of the study.
 fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error> {
     let mut found = Found::new(folder);
     let units =
@@ -312,7 +312,7 @@ fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error
     Ok(structure)
 }
 
-/// Where the signals of a loop stand in its row.
+/// Places of a loop's signals in its row.
 fn signals(loaded: &LoadedLoop, plant: &Plant, commands: &[String]) -> Result<Signals, String> {
     let closed = loaded.instantiate(&[]).map_err(|error| error.to_string())?;
     let place = |name: &str| {

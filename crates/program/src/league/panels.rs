@@ -1,4 +1,4 @@
-//! Small multiples: a panel a quantity, a row a controller.
+//! Small multiples: a panel for each quantity, a row for each controller.
 
 use std::fmt::Write;
 
@@ -18,14 +18,14 @@ const ROW: f64 = 22.0;
 const HEAD: f64 = 24.0;
 const FOOT: f64 = 22.0;
 
-/// A point of a panel with its interval; open where it is a bound alone.
+/// A point of a panel with its interval; open if it is only a bound.
 struct Mark {
     value: f64,
     interval: Option<[f64; 2]>,
     open: bool,
 }
 
-/// A panel: title, whether its axis is logarithmic, and a mark a row.
+/// A panel: title, true for a logarithmic axis, and a mark for each row.
 struct Panel {
     title: &'static str,
     logarithmic: bool,

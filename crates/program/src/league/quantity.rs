@@ -1,4 +1,4 @@
-//! Numbers of a record by their names: what the page shows, and what advice is measured by.
+//! Numbers of a record by their names, for the page and for advice.
 
 use super::condition::Condition;
 use super::judged::Outcome;
@@ -7,22 +7,22 @@ use super::study::{Plant, Study};
 use crate::near;
 use crate::results::four_digits;
 
-/// An interval that holds the true value of what a record estimates.
+/// Confidence interval of an estimate from a record.
 type Estimated = fn(&Record) -> Option<[f64; 2]>;
 
-/// A number that a record comes to.
+/// A number from a record.
 #[derive(Debug, Clone, Copy)]
 pub struct Quantity {
     /// Its name in advice.
     pub name: &'static str,
-    /// In a few words.
+    /// Title in a few words.
     pub title: &'static str,
     /// True if more of it is better.
     pub more_is_better: bool,
     of: fn(&Plant, &Record) -> Option<f64>,
-    /// An interval that holds the true value, where it is an estimate.
+    /// Confidence interval, if it is an estimate.
     interval: Option<Estimated>,
-    /// True if it is a part of all, which is told in percent.
+    /// True if it is a fraction, which is shown in percent.
     is_part: bool,
 }
 
@@ -65,24 +65,24 @@ impl Quantity {
     /// The quantity of a name.
     ///
     /// # Errors
-    /// When there is none.
+    /// If there is none.
     pub fn named(name: &str) -> Result<Quantity, String> {
         let names = || Quantity::ALL.iter().map(|quantity| quantity.name).collect::<Vec<_>>();
         let found = Quantity::ALL.into_iter().find(|quantity| quantity.name == name);
         found.ok_or_else(|| format!("there is no quantity `{name}`; {}", near::choice(name, &names(), "")))
     }
 
-    /// What a record comes to; none where it wasn't computed, or the run failed.
+    /// The value for a record; none if it wasn't computed, or the run failed.
     pub fn of(&self, plant: &Plant, record: &Record) -> Option<f64> {
         (self.of)(plant, record)
     }
 
-    /// A value of it, as a reader wants it.
+    /// A value as text for the page.
     pub fn told(&self, value: f64) -> String {
         if self.is_part { format!("{:.0} %", 100.0 * value) } else { four_digits(value) }
     }
 
-    /// An interval that holds the true value with a probability of 95 % where it is an estimate; else the value alone.
+    /// The 95 % confidence interval if it is an estimate; else the value as both ends.
     pub fn interval_of(&self, plant: &Plant, record: &Record) -> Option<[f64; 2]> {
         match self.interval {
             Some(interval) => interval(record),
@@ -91,7 +91,7 @@ impl Quantity {
     }
 }
 
-/// What a pair came to under a condition, where it didn't fail.
+/// Outcome of a pair under a condition, if it didn't fail.
 pub(super) fn under(record: &Record, condition: Condition) -> Option<&Outcome> {
     let outcome = &record.conditions.as_ref()?.get(&condition)?.outcome;
     outcome.holds().then_some(outcome)
@@ -106,13 +106,13 @@ const fn quantity(
     Quantity { name, title, more_is_better, of, interval: None, is_part: false }
 }
 
-/// What `PLANT/CONTROLLER.QUANTITY` stands for: the quantity, and plant and record where that is known.
+/// Meaning of `PLANT/CONTROLLER.QUANTITY`: the quantity, and plant and record if there is a record.
 pub(super) type Meant<'a> = (Quantity, Option<(&'a Plant, &'a Record)>);
 
-/// What `PLANT/CONTROLLER.QUANTITY` stands for.
+/// Meaning of `PLANT/CONTROLLER.QUANTITY`.
 ///
 /// # Errors
-/// When the league has no such pair, or there is no such quantity.
+/// If the league has no such pair, or there is no such quantity.
 pub(super) fn meant<'a>(study: &'a Study, records: &'a [Record], word: &str) -> Result<Meant<'a>, String> {
     let parts = word.split_once('/').and_then(|(plant, rest)| Some((plant, rest.rsplit_once('.')?)));
     let (of, (law, quantity)) = parts.ok_or_else(|| format!("`{word}` must be PLANT/CONTROLLER.QUANTITY"))?;

@@ -1,4 +1,4 @@
-//! What a pair came to, as a file.
+//! Result of a pair, as a file.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::sealed::{self, Sealed};
 /// This version.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// What a pair of plant and controller came to, as far as it was computed.
+/// Result of a pair of plant and controller, as far as it is computed.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// Name of the plant.
@@ -29,27 +29,27 @@ pub struct Record {
     pub controller: String,
     /// The version of this package that computed it.
     pub version: String,
-    /// The day, by UTC, on which the last part of it was computed. An earlier version of this package noted none.
+    /// The day, in UTC, on which its last part was computed. Earlier versions of this package didn't note it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub computed: Option<String>,
-    /// Checksum of what the study says of the pair.
+    /// Checksum of the study's settings for the pair.
     pub question: String,
-    /// What the study says of the pair, by which differences are named. An earlier version of this package noted nothing.
+    /// The study's settings for the pair, to name differences. Earlier versions of this package didn't note them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub asked: Option<Value>,
-    /// Checksum of the descriptions of its units.
+    /// Checksum of the descriptions of its components.
     pub units: String,
-    /// True if its loop ran as one unit; else as separate ones.
+    /// True if its loop ran as a single FMU; else as separate components.
     pub as_one: bool,
     /// The gains that were found.
     pub gains: Option<Gains>,
-    /// What it came to under each condition.
+    /// Outcome under each condition.
     pub conditions: Option<BTreeMap<Condition, Judged>>,
-    /// What it bears.
+    /// Margins.
     pub margins: Option<Margins>,
-    /// What random plants came to.
+    /// Outcomes of random plants.
     pub spread: Option<Spread>,
-    /// Instructions of a step of the controller, where they were counted, which a league doesn't do itself.
+    /// Instructions per step of the controller, if they were counted outside the league.
     #[serde(skip)]
     pub instructions: Option<f64>,
 }
@@ -71,7 +71,7 @@ impl Stage {
     /// All of them.
     pub const ALL: [Stage; 4] = [Stage::Gains, Stage::Conditions, Stage::Margins, Stage::Spread];
 
-    /// In a word.
+    /// Name for messages.
     pub fn word(self) -> &'static str {
         match self {
             Stage::Gains => "gains",
@@ -83,7 +83,7 @@ impl Stage {
 }
 
 impl Record {
-    /// Nothing is known of a pair yet.
+    /// An empty record of a pair.
     pub fn new(pair: &Pair) -> Self {
         let (plant, controller) = (pair.plant.name.clone(), pair.entry.name.clone());
         let question = Record::question(pair.plant, pair.entry, &pair.budget);
@@ -93,15 +93,14 @@ impl Record {
         Record { plant, controller, version, question, asked, units, as_one: pair.is_one_unit(), ..Record::default() }
     }
 
-    /// Checksum of what a study says of a pair.
+    /// Checksum of a study's settings for a pair.
     pub fn question(plant: &Plant, entry: &Entry, budget: &Budget) -> String {
         // Other controllers of the plant have no part in it.
         let plant = Plant { controller: vec![entry.clone()], about: None, ..plant.clone() };
         sealed::checksum(serde_json::to_string(&(&plant, budget)).unwrap_or_default())
     }
 
-    /// What differs in the question of an earlier record of the same pair, or in the version that answered it; none where
-    /// its work can be gone on with.
+    /// Differences in settings or version from an earlier record of the same pair; none if its work can be continued.
     pub fn differing(&self, earlier: &Record) -> Option<String> {
         let mut found = Vec::new();
         if self.version != earlier.version {
@@ -118,21 +117,21 @@ impl Record {
         sealed::listed(&found)
     }
 
-    /// How many parts of the work are done; they are done in their order.
+    /// Number of finished parts of the work, which are done in their order.
     pub fn done(&self) -> usize {
         let known = [self.gains.is_some(), self.conditions.is_some(), self.margins.is_some(), self.spread.is_some()];
         known.iter().take_while(|known| **known).count()
     }
 
-    /// What is to be done next.
+    /// The next part of the work.
     pub fn next(&self) -> Option<Stage> {
         Stage::ALL.get(self.done()).copied()
     }
 
-    /// Writes it. An earlier file is replaced at once or not at all.
+    /// Writes it. An earlier file is replaced atomically.
     ///
     /// # Errors
-    /// When it can't be written.
+    /// If it can't be written.
     pub fn write(&self, file: &Path) -> Result<(), Error> {
         let refuse = |error: serde_json::Error| Error::Loop { file: file.to_owned(), reason: error.to_string() };
         sealed::write(file, serde_json::to_value(self).map_err(refuse)?)
@@ -141,7 +140,7 @@ impl Record {
     /// Reads it.
     ///
     /// # Errors
-    /// When it can't be read, or was changed since it was written.
+    /// If it can't be read, or was changed since it was written.
     pub fn read(file: &Path) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let Sealed { content, fits } = sealed::read(file, "result of a league")?;
@@ -153,10 +152,10 @@ impl Record {
 }
 
 impl Pair<'_> {
-    /// Does the next part of the work; whether it was done, not interrupted.
+    /// Does the next part of the work. Returns true unless it was interrupted.
     ///
     /// # Errors
-    /// When the study doesn't fit the loop.
+    /// If the study doesn't fit the loop.
     pub fn go_on(&mut self, record: &mut Record, is_interrupted: &(dyn Fn() -> bool + Sync)) -> Result<bool, String> {
         if let Some(gains) = &record.gains {
             self.take_gains(&gains.values);
@@ -189,7 +188,7 @@ impl Pair<'_> {
     }
 }
 
-/// The day of a time, by UTC, as YYYY-MM-DD; none before 1970.
+/// The day of a time, in UTC, as YYYY-MM-DD; none before 1970.
 fn day(time: SystemTime) -> Option<String> {
     let days = time.duration_since(UNIX_EPOCH).ok()?.as_secs() / 86400;
     // Counted from a first of March, so that a leap day is the last one of its year: 400 years are 146097 days.
@@ -209,7 +208,7 @@ mod tests {
 
     use super::*;
 
-    /// Against counting: each day of 400 years, by the lengths of months.
+    /// Compares with counting each day of 400 years by the lengths of months.
     #[test]
     fn days_follow_each_other_as_in_the_calendar() {
         let (mut year, mut month, mut date) = (1970, 1, 1);

@@ -9,32 +9,32 @@ use super::pair::Pair;
 use super::study::Shift;
 use crate::parallel;
 
-/// 97.5 % of a normal distribution lie below so many standard deviations.
+/// 97.5 % quantile of the standard normal distribution.
 const Z: f64 = 1.959_964;
 
-/// What random plants came to, behind sensors and actuators.
+/// Outcomes of random plants with sensors and actuators.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Each of them: the error in one number, where it didn't fail.
+    /// The error of each in one number, if it didn't fail.
     pub errors: Vec<Option<f64>>,
-    /// How many failed first, and not with a finer integration.
+    /// Number that failed at first, but not with a finer integration.
     pub mended: usize,
 }
 
 impl Spread {
-    /// How many failed.
+    /// Number that failed.
     pub fn failed(&self) -> usize {
         self.errors.iter().filter(|error| error.is_none()).count()
     }
 
-    /// The part that failed, and where the true part lies with a probability of 95 %.
+    /// The fraction that failed, and its 95 % confidence interval.
     pub fn rate(&self) -> (f64, [f64; 2]) {
         let count = self.errors.len();
         (self.failed() as f64 / count.max(1) as f64, interval(self.failed(), count))
     }
 
-    /// The median error, a failure counted as the largest; none where half of all fail. And where the true median lies with a
-    /// probability of 95 %, an end that is none being a failure.
+    /// The median error, with failures as the largest errors; none if half of all fail. Also its 95 % confidence
+    /// interval, of which an end that is none is a failure.
     pub fn median(&self) -> (Option<f64>, [Option<f64>; 2]) {
         let mut errors: Vec<f64> = self.errors.iter().map(|error| error.unwrap_or(f64::INFINITY)).collect();
         errors.sort_by(f64::total_cmp);
@@ -48,7 +48,7 @@ impl Spread {
     }
 }
 
-/// Wilson's interval of a part: where the true one lies with a probability of 95 %.
+/// Wilson's 95 % confidence interval of a fraction.
 pub fn interval(found: usize, count: usize) -> [f64; 2] {
     if count == 0 {
         return [0.0, 1.0];
@@ -59,10 +59,10 @@ pub fn interval(found: usize, count: usize) -> [f64; 2] {
 }
 
 impl Pair<'_> {
-    /// The loop with random plants; none where the user interrupts.
+    /// Runs the loop with random plants; none if the user interrupts.
     ///
     /// # Errors
-    /// When the bench doesn't fit the loop.
+    /// If the bench doesn't fit the loop.
     pub fn spread(&self, is_interrupted: &(dyn Fn() -> bool + Sync)) -> Result<Option<Spread>, String> {
         let deviations = (0..self.budget.plants).map(|k| self.random(k)).collect::<Result<Vec<_>, _>>()?;
         let workers = vec![(); parallel::cores()];
@@ -72,10 +72,10 @@ impl Pair<'_> {
         Ok((!is_interrupted()).then(|| Spread { errors: judged.iter().map(error).collect(), mended }))
     }
 
-    /// Plant k: its numbers depend on the seed, on k and on the plant's parameters alone, not on the controller.
+    /// Plant k. Its numbers depend only on the seed, k and the plant's parameters, not on the controller.
     fn random(&self, k: u32) -> Result<Deviation, String> {
         let mut random = Rng::with_seed(self.budget.seed.wrapping_mul(1_000_003).wrapping_add(u64::from(k)));
-        // The first numbers of near seeds are near.
+        // The first numbers of neighbouring seeds are similar.
         (0..8).for_each(|_| _ = random.u64(..));
         let mut deviation = Deviation::default();
         for place in self.uncertain() {

@@ -1,4 +1,4 @@
-//! Who stands before whom: only where intervals separate.
+//! Ranks of controllers, which differ only if intervals separate.
 
 use super::record::Record;
 
@@ -14,9 +14,9 @@ pub struct Rank {
 /// The places of a pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Standing {
-    /// By how many random plants fail.
+    /// Rank by the fraction of random plants that fail.
     pub failures: Option<Rank>,
-    /// By the median error of random plants.
+    /// Rank by the median error of random plants.
     pub error: Option<Rank>,
 }
 
@@ -31,7 +31,7 @@ pub fn standings(records: &[&Record]) -> Vec<Standing> {
     failures.into_iter().zip(errors).map(|(failures, error)| Standing { failures, error }).collect()
 }
 
-/// The places of intervals: one is certainly better where all of it lies below the other.
+/// The places of intervals: one is certainly better if all of it is below the other.
 fn ranks(intervals: &[Option<[f64; 2]>]) -> Vec<Option<Rank>> {
     let place = |own: &Option<[f64; 2]>| {
         let [low, _] = (*own)?;

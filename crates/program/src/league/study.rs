@@ -1,4 +1,4 @@
-//! What a league is about: a file that a person writes.
+//! Studies: the file, written by hand, that defines a league.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,12 +17,12 @@ const OWN: &str = "league.toml";
 pub struct Study {
     /// Title of the page.
     pub title: String,
-    /// What it is about.
+    /// Introduction of the page.
     pub about: String,
-    /// How much is computed.
+    /// Extent of the computation.
     #[serde(default)]
     pub budget: Budget,
-    /// Which controller to take.
+    /// Advice on which controller to choose.
     #[serde(default)]
     pub advice: Vec<Advice>,
     /// The plants.
@@ -33,18 +33,18 @@ pub struct Study {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Advice {
-    /// When it is meant.
+    /// Situation that it applies to.
     pub when: String,
-    /// What to take; nothing where only what is within says so.
+    /// Controller to choose; empty if only nested lines name one.
     #[serde(default)]
     pub take: String,
-    /// Why; `{PLANT/CONTROLLER.QUANTITY}` stands for a number that was measured.
+    /// Reason; `{PLANT/CONTROLLER.QUANTITY}` stands for a measured number.
     #[serde(default)]
     pub because: String,
-    /// What it rests on, as `PLANT/CONTROLLER.QUANTITY < NUMBER`.
+    /// Claims that it depends on, as `PLANT/CONTROLLER.QUANTITY < NUMBER`.
     #[serde(default)]
     pub holds: Vec<String>,
-    /// What to take where something else is true, too.
+    /// Nested lines for further conditions.
     #[serde(default)]
     pub within: Vec<Advice>,
 }
@@ -58,7 +58,7 @@ impl Advice {
     }
 }
 
-/// How much is computed, the same for every pair.
+/// Extent of the computation, the same for every pair.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Budget {
@@ -66,17 +66,17 @@ pub struct Budget {
     pub particles: usize,
     /// Generations of the swarm.
     pub generations: usize,
-    /// Runs of a position, each with another noise; the mean counts.
+    /// Runs per position, each with different noise; their mean counts.
     pub noises: u32,
     /// Length of a run of the search, s.
     pub tuning_time: f64,
-    /// Smallest and largest factor of what a controller's gains are before the search.
+    /// Smallest and largest factor of a controller's initial gains.
     pub gain_range: [f64; 2],
-    /// Random plants.
+    /// Number of random plants.
     pub plants: u32,
-    /// By how much of their values the parameters of random plants differ at most, up and down.
+    /// Largest relative deviation of random plants' parameters, up and down.
     pub spread: f64,
-    /// A margin is known to this part of its value.
+    /// Relative accuracy of a margin.
     pub margin: f64,
     /// Relative tolerance of the integration; a failure is repeated with a hundredth of it.
     pub relative_tolerance: f64,
@@ -102,55 +102,55 @@ impl Default for Budget {
 }
 
 impl Budget {
-    /// What shows that all of it works, and no more.
+    /// A small budget that only shows that everything works.
     #[must_use]
     pub fn quick(self) -> Self {
         Budget { particles: 4, generations: 2, noises: 1, tuning_time: 3.0, plants: 6, margin: 0.5, ..self }
     }
 }
 
-/// A plant with what is asked of its controllers.
+/// A plant with the requirements on its controllers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plant {
     /// Its name, which is a part of file names.
     pub name: String,
-    /// What it is, in a few words.
+    /// Title in a few words.
     pub title: String,
-    /// What a reader of its results must know. It changes none of them.
+    /// Note for readers of the results, which it doesn't change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub about: Option<String>,
-    /// Its description: a unit of this package, or a file next to the study.
+    /// Its description: an FMU of this package, or a file next to the study.
     pub unit: String,
     /// The description of its reference.
     pub reference: String,
     /// Start values, by their names in the loop.
     #[serde(default)]
     pub set: BTreeMap<String, f64>,
-    /// Length of a run, s. What changes in the middle of a run changes at half of it.
+    /// Duration of a run, s. Changes in the middle of a run occur at half of it.
     pub duration: f64,
-    /// Time between the points at which a loop is judged, s.
+    /// Interval between the points at which a loop is judged, s.
     pub step: f64,
-    /// From when on errors are judged, s.
+    /// Time from which errors are judged, s.
     pub settled: f64,
-    /// What is to follow what: pairs of signals.
+    /// Pairs of a signal and its reference.
     pub errors: Vec<[String; 2]>,
-    /// The error of each pair that counts as a failure.
+    /// The error limit of each pair; a larger error is a failure.
     pub error_limits: Vec<f64>,
-    /// Magnitude of an output of the plant that counts as lost.
+    /// Largest magnitude of the plant's outputs; a larger one is a failure.
     pub envelope: f64,
-    /// Its parameters that aren't known well.
+    /// Its uncertain parameters.
     pub uncertain: Vec<String>,
-    /// What a payload changes.
+    /// Changes by a payload.
     #[serde(default)]
     pub payload: BTreeMap<String, Shift>,
-    /// What is set for two seconds in the middle of a run.
+    /// Values that are added for two seconds in the middle of a run.
     #[serde(default)]
     pub pulse: BTreeMap<String, f64>,
-    /// The part of each control that is left from the middle of a run on.
+    /// Fraction of each control that is left from the middle of a run on.
     #[serde(default = "usual_loss")]
     pub left: f64,
-    /// What is set from the middle of a run on, where a part of the plant fails.
+    /// Values that are set from the middle of a run on, for a part of the plant that fails.
     #[serde(default)]
     pub fault: BTreeMap<String, f64>,
     /// Its sensors and actuators.
@@ -167,18 +167,18 @@ fn usual_sample_time() -> f64 {
     1e-3
 }
 
-/// A value in place of another.
+/// Change of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Shift {
-    /// This value.
+    /// The new value.
     To(f64),
-    /// So many times the value.
+    /// A multiple of the value.
     Times {
         /// The factor.
         times: f64,
     },
-    /// So much more than the value.
+    /// An increment of the value.
     Plus {
         /// The addend.
         plus: f64,
@@ -186,7 +186,7 @@ pub enum Shift {
 }
 
 impl Shift {
-    /// What becomes of a value.
+    /// The changed value.
     pub fn of(self, value: f64) -> f64 {
         match self {
             Shift::To(to) => to,
@@ -200,13 +200,13 @@ impl Shift {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bench {
-    /// Smallest control that the actuators give, one a channel.
+    /// Smallest control that the actuators give, one for each channel.
     pub u_min: Vec<f64>,
-    /// Largest control, one a channel.
+    /// Largest control, one for each channel.
     pub u_max: Vec<f64>,
     /// Time constant of the actuators, s.
     pub lag: f64,
-    /// Time from one sample of the sensors to the next, s.
+    /// Sample time of the sensors, s.
     #[serde(default = "usual_sample_time")]
     pub sample_time: f64,
     /// Standard deviation of the noise of measured outputs, by name; a name without index stands for all its elements.
@@ -215,23 +215,23 @@ pub struct Bench {
     /// Resolution of measured outputs, by name.
     #[serde(default)]
     pub resolution: BTreeMap<String, f64>,
-    /// FMU before the actuators that limits their controls together.
+    /// FMU before the actuators that limits their controls jointly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mixer: Option<Mixer>,
 }
 
-/// An FMU between a controller and the actuators, which limits their controls together: its inputs `u` are what the controller
-/// asks for, its outputs `achieved` the part of it that is possible.
+/// An FMU between a controller and the actuators, which limits their controls jointly: its inputs `u` are the
+/// requested controls, its outputs `achieved` the possible ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mixer {
-    /// Its description: a unit of this package, or a file next to the study.
+    /// Its description: an FMU of this package, or a file next to the study.
     pub unit: String,
-    /// Its limits on the bench, by their names in the unit. A controller that has parameters of these names gets them too.
+    /// Its limits on the bench, by their names in the FMU. A controller with parameters of these names gets them too.
     pub set: BTreeMap<String, f64>,
-    /// The same where it is to limit nothing.
+    /// The same parameters without limits.
     pub without: BTreeMap<String, f64>,
-    /// Boolean parameter of a controller that turns its knowledge of these limits on.
+    /// Boolean parameter of a controller that makes it consider these limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub switch: Option<String>,
 }
@@ -240,27 +240,27 @@ pub struct Mixer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Entry {
-    /// Its name, which is a part of file names; that of the law, so that a law has one name on all plants.
+    /// Its name, which is a part of file names: that of the control law, the same on all plants.
     pub name: String,
-    /// Its description: a unit of this package, or a file beside the study.
+    /// Its description: an FMU of this package, or a file next to the study.
     pub unit: String,
-    /// Start values, by their names in the unit.
+    /// Start values, by their names in the FMU.
     #[serde(default)]
     pub set: BTreeMap<String, f64>,
-    /// Gains that the search scales, by their names in the unit; all elements of a name together, and all names of one text,
-    /// with spaces between them. Without any, the controller stays as it is.
+    /// Gains that the search scales, by their names in the FMU: all elements of a name together, and all names in one
+    /// text, separated by spaces. Without any, the controller stays as it is.
     #[serde(default)]
     pub tune: Vec<String>,
-    /// Inputs that stay as they are, without a connection.
+    /// Inputs that stay unconnected.
     #[serde(default)]
     pub open: Vec<String>,
 }
 
 impl Study {
-    /// The league of this package; the descriptions of its own are put into a folder.
+    /// The league of this package, whose own descriptions are written into a folder.
     ///
     /// # Errors
-    /// When they can't be written.
+    /// If they can't be written.
     pub fn own(folder: &Path) -> Result<Self, Error> {
         for (name, text) in exporter::league() {
             output::write(&folder.join(name), text)?;
@@ -268,10 +268,10 @@ impl Study {
         Study::read(&folder.join(OWN))
     }
 
-    /// A study's file.
+    /// Reads a study's file.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// If it is wrong, with the reason.
     pub fn read(file: &Path) -> Result<Self, Error> {
         Study::parse(&text_file::read(file).map_err(Error::file(file))?, file)
     }
@@ -311,10 +311,10 @@ impl Study {
             .try_for_each(|plant| plant.check().map_err(|reason| format!("plant {}: {reason}", plant.name)))
     }
 
-    /// The pairs that are asked for by names, `PLANT`, `PLANT/CONTROLLER` or `/CONTROLLER`; all without any.
+    /// The pairs with the given names, `PLANT`, `PLANT/CONTROLLER` or `/CONTROLLER`; all if there are none.
     ///
     /// # Errors
-    /// When a name stands for none.
+    /// If a name matches no pair.
     pub fn chosen(&self, only: &[String]) -> Result<Vec<(&Plant, &Entry)>, String> {
         let pairs = || self.plant.iter().flat_map(|plant| plant.controller.iter().map(move |entry| (plant, entry)));
         let is_meant = |word: &str, (plant, entry): &(&Plant, &Entry)| {
@@ -361,14 +361,14 @@ impl Plant {
         each_once("controller", self.controller.iter().map(|entry| entry.name.as_str()))
     }
 
-    /// Magnitudes that controls are measured by: the larger limit of each.
+    /// Reference magnitudes of controls: the larger limit of each.
     pub fn sizes(&self) -> Vec<f64> {
         let Bench { u_min, u_max, .. } = &self.bench;
         u_min.iter().zip(u_max).map(|(low, high)| low.abs().max(high.abs())).collect()
     }
 }
 
-/// Names that are parts of file names, each there once.
+/// Checks that names are unique and fit into file names.
 fn each_once<'a>(what: &str, names: impl Iterator<Item = &'a str>) -> Result<(), String> {
     let mut known = std::collections::BTreeSet::new();
     for name in names {

@@ -1,4 +1,4 @@
-//! The units of loops: of this package, from their descriptions, or FMUs of other tools.
+//! The FMUs of loops: of this package, from their descriptions, or of other tools.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::simulation::LoadedLoop;
 use crate::structure::{Component, Structure, Whole};
 use crate::system::Kind;
 
-/// Units, each opened once.
+/// FMUs, each opened once.
 #[derive(Debug)]
 pub struct Units {
     ready: Ready,
@@ -21,15 +21,15 @@ pub struct Units {
 }
 
 impl Units {
-    /// None is opened yet. Where units of other tools run is for the caller to say.
+    /// Returns an empty collection. `hosting` decides in which processes FMUs of other tools run.
     ///
     /// # Errors
-    /// When there is no library that this package's units are of.
+    /// If there is no library for this package's FMUs.
     pub fn new(hosting: Hosting) -> Result<Self, Error> {
         Ok(Units { ready: Ready::new()?, hosting, archives: Mutex::default() })
     }
 
-    /// The unit of a part of a loop.
+    /// The FMU of a component.
     pub(super) fn fmu(&self, structure: &Structure, unit: &Component) -> Result<Arc<Fmu>, Error> {
         if unit.is_exported() {
             return self.ready.fmu(&structure.description_of(&unit.fmu)?);
@@ -44,8 +44,8 @@ impl Units {
         Ok(fmu)
     }
 
-    /// A loop that is to run, and whether it is one unit: a unit of another tool can't be a part of one, nor can one that is made of
-    /// parts itself.
+    /// A loop that is ready to run, and true if it is a single FMU, of which FMUs of other tools and composites can't
+    /// be parts.
     pub(super) fn load(&self, structure: &Structure) -> Result<(LoadedLoop, bool), Error> {
         if !self.can_be_one(structure)? {
             return Ok((self.load_apart(structure)?, false));
@@ -54,7 +54,7 @@ impl Units {
         Ok((LoadedLoop::whole(&structure.name, self.ready.fmu(&source)?, &values, Vec::new())?, true))
     }
 
-    /// A loop as separate units.
+    /// A loop as separate components.
     pub(super) fn load_apart(&self, structure: &Structure) -> Result<LoadedLoop, Error> {
         LoadedLoop::of(structure, |unit| self.fmu(structure, unit))
     }
@@ -76,7 +76,7 @@ impl Units {
         Ok(true)
     }
 
-    /// Checksum of a loop's units, and of the values that it sets.
+    /// Checksum of a loop's FMUs, and of the values that it sets.
     pub(super) fn checksum(&self, structure: &Structure) -> Result<String, Error> {
         let mut text = String::new();
         for unit in &structure.components {
