@@ -31,10 +31,10 @@ type SetNumbers = unsafe extern "C" fn(Component, *const f64, usize) -> Answer;
 type SetTime = unsafe extern "C" fn(Component, f64) -> Answer;
 type CompletedIntegratorStep = unsafe extern "C" fn(Component, c_int, *mut c_int, *mut c_int) -> Answer;
 
-/// Makes an instance; null where that fails.
+/// Makes an instance; null if that fails.
 ///
 /// # Safety
-/// What the library exports under a name of the standard must be that function, and the callbacks must live as long as the
+/// The library must export the standard's functions under their names, and the callbacks must live as long as the
 /// instance.
 pub(super) unsafe fn instantiate(
     binary: &Binary,
@@ -51,10 +51,10 @@ pub(super) unsafe fn instantiate(
     }
 }
 
-/// Calls a function; the reason where there is no answer.
+/// Calls a function. Returns the reason if there is no answer.
 ///
 /// # Safety
-/// What the library exports under a name of the standard must be that function, and the instance must be alive.
+/// The library must export the standard's functions under their names, and the instance must be alive.
 pub(super) unsafe fn call(component: Component, binary: &Binary, call: Call<'_>) -> Result<Answer, String> {
     let function = call.function();
     // SAFETY: the types are those that the standard gives the functions; `Instance` passes as many values as

@@ -1,4 +1,4 @@
-//! Calls of FMI 3.0: values of whole arrays, where the master names elements.
+//! Calls of FMI 3.0: the master names elements, the standard passes whole arrays.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
@@ -12,9 +12,9 @@ use crate::fmi2::calls::Function;
 use crate::fmi2::types::{Component, EventInfo, MODEL_EXCHANGE};
 use crate::model_description::{Array, Type};
 
-/// Whatever number another tool's unit gives as a status.
+/// The status is an integer, since another tool's FMU may pass any number.
 type LogMessage = unsafe extern "C-unwind" fn(*mut c_void, c_int, *const c_char, *const c_char);
-/// A Boolean that a unit writes: a byte, since what another tool writes need not be 0 or 1.
+/// A Boolean that an FMU writes: a byte, since another tool may write values other than 0 and 1.
 type Flag = u8;
 type InstantiateExchange =
     unsafe extern "C" fn(*const c_char, *const c_char, *const c_char, bool, bool, *mut c_void, LogMessage) -> Component;
@@ -53,15 +53,15 @@ pub(super) struct Instance3 {
     arrays: Vec<Array>,
     /// The number of each array's first element.
     firsts: Vec<usize>,
-    /// What arrays were set to: a master sets elements, the standard whole arrays.
+    /// Values that arrays were set to: a master sets elements, the standard whole arrays.
     set: RefCell<Vec<Option<Vec<f64>>>>,
-    /// A master names the same elements in each step.
+    /// Cached groups, since a master names the same elements in each step.
     groups: RefCell<Groups>,
     /// Start and stop time.
     experiment: Cell<(f64, f64)>,
 }
 
-/// Arrays of one type, each once, that hold some of the elements that a master names.
+/// Arrays of one type, each once, that contain some of the elements that a master names.
 #[derive(Debug)]
 struct Group {
     of: Type,
@@ -76,10 +76,10 @@ struct Group {
 /// Groups of elements, by the lists that a master names.
 type Groups = HashMap<Vec<u32>, Rc<[Group]>>;
 
-/// Makes an instance; null where that fails.
+/// Makes an instance; null if that fails.
 ///
 /// # Safety
-/// What the library exports under a name of the standard must be that function.
+/// The library must export the standard's functions under their names.
 pub(super) unsafe fn instantiate(binary: &Binary, plan: &Plan, log: &Log) -> Result<Component, String> {
     let text = |text: &str| CString::new(text).map_err(|_| "a name contains a NUL character".to_owned());
     let (name, token, resources) = (text(&plan.name)?, text(&plan.guid)?, text(&plan.resources)?);
@@ -112,17 +112,17 @@ impl Instance3 {
         }
     }
 
-    /// Calls a function; the reason where there is no answer.
+    /// Calls a function. Returns the reason if there is no answer.
     ///
     /// # Safety
-    /// What the library exports under a name of the standard must be that function, and the instance must be alive.
+    /// The library must export the standard's functions under their names, and the instance must be alive.
     pub unsafe fn call(&self, binary: &Binary, call: Call<'_>) -> Result<Answer, String> {
         let (component, function) = (self.component, call.function());
         // SAFETY: the types are those that the standard gives the functions; arrays have the lengths that are passed,
         // and texts outlive the calls.
         unsafe {
             match call {
-                // Both in one call, where what this one gives is needed.
+                // EnterInitializationMode passes these times.
                 Call::SetupExperiment { start, stop } => {
                     self.experiment.set((start, stop));
                     Ok(OK)
@@ -167,7 +167,7 @@ impl Instance3 {
         }
     }
 
-    /// One step, to its end: early return isn't allowed.
+    /// Takes one step to its end: early return isn't allowed.
     unsafe fn do_step(&self, call: DoStep, time: f64, step: f64) -> Result<Answer, String> {
         let ([mut event, mut end, mut early], mut last) = ([0; 3], time);
         // SAFETY: as of `call`.
@@ -202,7 +202,7 @@ impl Instance3 {
     /// The array of an element, and its place there.
     fn place(&self, number: u32) -> Result<(usize, usize), String> {
         let after = self.firsts.partition_point(|&first| first <= number as usize);
-        // Of arrays without elements, none is the element's.
+        // Arrays without elements are skipped, since they have the same first number as the next one.
         let array = after.checked_sub(1).ok_or_else(|| format!("there is no element {number}"))?;
         let k = number as usize - self.firsts[array];
         if k < self.arrays[array].count { Ok((array, k)) } else { Err(format!("there is no element {number}")) }
@@ -240,7 +240,7 @@ impl Instance3 {
         Ok(groups)
     }
 
-    /// Gives values with their places in the list; `give` is false for one that can't be taken.
+    /// Passes values with their places in the list to `give`, which returns false for one that it can't take.
     unsafe fn get(
         &self,
         binary: &Binary,
@@ -336,7 +336,7 @@ impl Instance3 {
         Ok(worst)
     }
 
-    /// Values of arrays before some of their elements are set: as they were set last, else as the instance has them.
+    /// Values of arrays before some of their elements are set: those set last, else the instance's.
     unsafe fn before(&self, binary: &Binary, group: &Group) -> Result<Vec<f64>, String> {
         let set = self.set.borrow();
         let known = group.arrays.iter().map(|&array| set[array].as_deref()).collect::<Option<Vec<_>>>();
@@ -408,7 +408,7 @@ impl Instance3 {
         (unknowns, result): (&[u32], &mut [f64]),
         (knowns, seed): (&[u32], &[f64]),
     ) -> Result<Answer, String> {
-        // Whatever types they have, derivatives are of one.
+        // Derivatives are Float64, whatever types the variables have.
         let all = |numbers: &[u32]| self.grouped(numbers, |_| Type::Float64).map(|mut groups| groups.pop());
         let (Some(of), Some(by)) = (all(unknowns)?, all(knowns)?) else { return Ok(OK) };
         let (mut whole_seed, mut whole) = (vec![0.0; by.size], vec![0.0; of.size]);

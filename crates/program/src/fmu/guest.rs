@@ -1,4 +1,4 @@
-//! The process that a unit has of its own, from within.
+//! The separate process of an FMU, from within.
 
 use std::fs::File;
 use std::io;
@@ -15,21 +15,21 @@ use super::unit::{OK, RunningUnit};
 use super::wire::{Beginning, Reply, Request, receive, send};
 use crate::process::leave_requests_to_another;
 
-/// How often is looked whether the process that this one works for is still there.
+/// Interval of checks that the process which this one works for still exists.
 const LOOK: Duration = Duration::from_secs(1);
 
 unsafe extern "C" {
     fn fflush(file: *mut libc::FILE) -> libc::c_int;
 }
 
-/// Runs a unit for the process at the other end of the standard input, until that ends.
+/// Runs an FMU for the process at the other end of the standard input, until that ends.
 ///
 /// # Errors
-/// When the other process can't be talked to.
+/// If communication with the other process fails.
 pub fn serve() -> io::Result<()> {
     let stream = taken_from_standard_input()?;
     end_with_parent();
-    // Slurm, systemd and containers send them to all processes.
+    // Slurm, systemd and containers send signals to all processes.
     leave_requests_to_another();
     let mut buffer = Vec::new();
     let beginning: Beginning = receive(&stream, &mut buffer)?;
@@ -45,7 +45,7 @@ pub fn serve() -> io::Result<()> {
     let Some(unit) = &mut unit else { return Ok(()) };
     while let Some(request) = next(&stream, &mut buffer)? {
         let reply = request.answered_by(unit);
-        // What a unit printed is told even if the next call ends this process.
+        // An FMU's output must appear even if the next call ends this process.
         // SAFETY: flushes all of C's streams.
         unsafe { fflush(std::ptr::null_mut()) };
         send(&stream, &reply, &mut buffer)?;
@@ -53,12 +53,12 @@ pub fn serve() -> io::Result<()> {
             break;
         }
     }
-    // Nothing of the unit's is called any more, neither what it registered for the end nor its library's own end.
+    // No more code of the FMU runs, neither its exit handlers nor its library's destructors.
     // SAFETY: ends this process.
     unsafe { libc::_exit(0) }
 }
 
-/// The next request; none where the other process is gone.
+/// The next request; none if the other process is gone.
 fn next(stream: &UnixStream, buffer: &mut Vec<u8>) -> io::Result<Option<Request<'static>>> {
     match receive(stream, buffer) {
         Ok(request) => Ok(Some(request)),
@@ -67,7 +67,7 @@ fn next(stream: &UnixStream, buffer: &mut Vec<u8>) -> io::Result<Option<Request<
     }
 }
 
-/// The connection that this process was given as its standard input. A unit that reads from there finds nothing.
+/// The connection that this process got as its standard input. An FMU that reads from there finds nothing.
 fn taken_from_standard_input() -> io::Result<UnixStream> {
     let stream = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
     let nothing: OwnedFd = File::open("/dev/null")?.into();
@@ -76,14 +76,14 @@ fn taken_from_standard_input() -> io::Result<UnixStream> {
     if replaced < 0 { Err(io::Error::last_os_error()) } else { Ok(stream) }
 }
 
-/// Ends this process when the one that it works for is gone, also while a unit is at work.
+/// Ends this process when the one that it works for is gone, also during a call of the FMU.
 fn end_with_parent() {
     let parent = parent_id();
     thread::spawn(move || {
         while parent_id() == parent {
             thread::sleep(LOOK);
         }
-        // SAFETY: ends this process and all that the unit began in its group, whatever its other threads do.
+        // SAFETY: ends this process and all that the FMU started in its group, whatever its other threads do.
         unsafe {
             libc::kill(0, libc::SIGKILL);
             libc::_exit(1)

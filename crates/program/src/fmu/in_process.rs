@@ -1,4 +1,4 @@
-//! Units whose library is loaded into this process, as any master loads it.
+//! FMUs whose library is loaded into this process, as any master loads it.
 
 use std::cell::RefCell;
 use std::ffi::{c_int, c_void};
@@ -19,7 +19,7 @@ use crate::fmi2::calls::{Function, Standard};
 use crate::fmi2::types::{CallbackFunctions, Component, MODEL_EXCHANGE};
 use crate::model_description::Array;
 
-/// Part of the message of a system that loads no code from a file system.
+/// Part of the system's message if a file system allows no code.
 const NO_CODE: &str = "failed to map segment";
 
 /// A function of the library, before it has the type that the standard gives its name.
@@ -33,7 +33,7 @@ unsafe extern "C" {
     fn free(memory: *mut c_void);
 }
 
-/// This package's units take no memory of a master's, and there are no others.
+/// Allocates nothing: this package's FMUs, the only ones here, don't use the master's memory.
 #[cfg(target_family = "wasm")]
 unsafe extern "C" fn calloc(_: usize, _: usize) -> *mut c_void {
     std::ptr::null_mut()
@@ -42,7 +42,7 @@ unsafe extern "C" fn calloc(_: usize, _: usize) -> *mut c_void {
 #[cfg(target_family = "wasm")]
 unsafe extern "C" fn free(_: *mut c_void) {}
 
-/// What a loop can't do without.
+/// Functions that a loop can't do without.
 const NEEDED: [Function; 5] = [
     Function::SetupExperiment,
     Function::EnterInitializationMode,
@@ -51,7 +51,7 @@ const NEEDED: [Function; 5] = [
     Function::Terminate,
 ];
 
-/// What an instance is made of.
+/// Data to make an instance.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Plan {
     /// Version of the standard.
@@ -62,13 +62,13 @@ pub(super) struct Plan {
     pub guid: String,
     /// `file:` URI of the resources; in FMI 3.0 their path, which ends with a separator.
     pub resources: String,
-    /// In FMI 3.0, all variables as arrays.
+    /// All variables as arrays, in FMI 3.0.
     pub arrays: Vec<Array>,
     /// True if events are handled in Event Mode, in co-simulation with FMI 3.0.
     pub event_mode: bool,
-    /// True if it is asked to log: some units tell of their errors only then.
+    /// True if it is asked to log, since some FMUs report their errors only then.
     pub logs: bool,
-    /// True if what it logs of calls that went well is kept.
+    /// True if its log messages of successful calls are stored.
     pub details: bool,
 }
 
@@ -86,22 +86,22 @@ impl Plan {
 /// A loaded library, with the functions of one version of the standard.
 #[derive(Debug)]
 pub(super) struct Binary {
-    /// For model exchange and for co-simulation.
+    /// Functions for model exchange and for co-simulation.
     instantiate: [Option<Symbol>; 2],
     free: Symbol,
-    /// In the order of [`Function::ALL`].
+    /// Functions in the order of [`Function::ALL`].
     functions: Vec<Option<Symbol>>,
     library: Library,
 }
 
 impl Binary {
-    /// Loads a library; the reason where that fails.
+    /// Loads a library. Returns the reason if that fails.
     pub fn load(path: &Path, standard: Standard) -> Result<Self, String> {
-        // SAFETY: the user asked for this FMU to be run; its initialisers run as in any master.
+        // SAFETY: the user asked to run this FMU; its initializers run as in any master.
         unsafe { Self::of(open(path)?, standard) }
     }
 
-    /// This very library, where none can be loaded.
+    /// This library itself, since none can be loaded.
     #[cfg(target_family = "wasm")]
     pub fn linked() -> Result<Self, String> {
         // SAFETY: each function has the type that the standard gives its name.
@@ -109,7 +109,7 @@ impl Binary {
     }
 
     /// # Safety
-    /// What the library exports under a name of the standard must be that function.
+    /// The library must export the standard's functions under their names.
     unsafe fn of(library: Library, standard: Standard) -> Result<Self, String> {
         let [exchange, co_simulation, free] = match standard {
             Standard::Fmi2 => ["fmi2Instantiate", "fmi2Instantiate", "fmi2FreeInstance"],
@@ -132,7 +132,7 @@ impl Binary {
         symbol.ok_or_else(|| "its library doesn't export the function that makes an instance".to_owned())
     }
 
-    /// A function that isn't of the standard.
+    /// A function outside the standard.
     pub fn symbol(&self, name: &str) -> Option<Symbol> {
         // SAFETY: it is only called as a function of the type that a library of this crate gives its name.
         unsafe { self.library.get::<Symbol>(name).map(|symbol| *symbol).ok() }
@@ -148,7 +148,7 @@ impl Binary {
     }
 }
 
-/// The reason why a library isn't loaded, with advice where its file system allows no code.
+/// The reason why a library isn't loaded, with advice if its file system allows no code.
 fn why(error: &dyn std::error::Error) -> String {
     let reason = with_causes(error);
     if !reason.contains(NO_CODE) {
@@ -161,14 +161,14 @@ fn why(error: &dyn std::error::Error) -> String {
     )
 }
 
-/// Loads a library, and Python before it where it is in Python.
+/// Loads a library; if it needs Python, loads that first.
 ///
 /// # Safety
-/// The library's initialisers are run.
+/// The library's initializers run.
 unsafe fn open(path: &Path) -> Result<Library, String> {
     // SAFETY: as this function asks of its caller.
     let opened = unsafe { Library::new(path) }.map_err(|error| why(&error));
-    // Its initialisers may have moved the process, and there are other files to be read.
+    // Its initializers may have changed the working directory and the file mode mask.
     begun::restore();
     #[cfg(unix)]
     if let Err(reason) = &opened
@@ -185,18 +185,18 @@ unsafe fn open(path: &Path) -> Result<Library, String> {
 #[derive(Debug)]
 pub(super) struct InProcess {
     component: Component,
-    /// The same as an instance of FMI 3.0, where it is one.
+    /// The same as an instance of FMI 3.0, if it is one.
     fmi3: Option<Instance3>,
     binary: Arc<Binary>,
     log: Box<Log>,
     _callbacks: Box<CallbackFunctions>,
     is_freed: bool,
-    /// Its compiled equations. Dropped when the instance is freed.
+    /// Its compiled equations, which are dropped with it.
     equations: RefCell<Equations>,
 }
 
 impl InProcess {
-    /// Makes an instance; the reason where that fails.
+    /// Makes an instance. Returns the reason if that fails.
     pub fn new(binary: &Arc<Binary>, kernel: Option<Awaited>, plan: &Plan) -> Result<Self, String> {
         let log = Box::new(Log::keeping(plan.details));
         let callbacks = Box::new(CallbackFunctions {
@@ -206,7 +206,7 @@ impl InProcess {
             step_finished: None,
             component_environment: std::ptr::from_ref(&*log).cast_mut().cast(),
         });
-        // SAFETY: the library stays loaded as long as the instance, which holds it, and the callbacks live as long, too.
+        // SAFETY: the new instance owns the library and the callbacks, so they live as long as it does.
         let component = unsafe {
             match plan.standard {
                 Standard::Fmi2 => fmi2::instantiate(binary, plan, &callbacks)?,
@@ -224,7 +224,7 @@ impl InProcess {
         Ok(InProcess { component, fmi3, binary, log, _callbacks: callbacks, is_freed: false, equations })
     }
 
-    /// Hands over its compiled equations when they are there.
+    /// Hands over its compiled equations once they are ready.
     fn look_for_kernel(&self) {
         self.equations.borrow_mut().look(self.component, &self.binary);
     }
@@ -259,7 +259,7 @@ impl RunningUnit for InProcess {
 
 impl Drop for InProcess {
     fn drop(&mut self) {
-        // Never an error in this process.
+        // Freeing can't fail in this process.
         let _ = self.free();
     }
 }

@@ -1,4 +1,4 @@
-//! An instance of a unit, with every answer and every number checked.
+//! An instance of an FMU, with every answer and every number checked.
 
 use std::cell::Cell;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use crate::error::{Error, Number};
 use crate::fmi2::calls::{Function, Standard};
 use crate::model_description::ModelDescription;
 
-/// More event iterations than this at one time never end.
+/// Largest number of event iterations at one time; more are taken for an endless loop.
 const EVENT_ITERATIONS: usize = 1000;
 
 /// An instance of an FMU.
@@ -20,17 +20,17 @@ pub struct Instance {
     unit: Box<dyn RunningUnit>,
     name: String,
     time: f64,
-    /// True if what failed last may be tried otherwise: it was discarded, or gave a number that is none.
+    /// True if the last failed call may be repeated in another way: it was discarded, or a number wasn't finite.
     may_try_again: Cell<bool>,
     fmu: Arc<Fmu>,
 }
 
-/// What an event of model exchange came to.
+/// Result of an event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Event {
-    /// When the unit wants the next one, s.
+    /// Time of the next one that the FMU requests, s.
     pub next: Option<f64>,
-    /// True if continuous states were set anew.
+    /// True if continuous states changed.
     pub states_changed: bool,
     /// True if the states' nominal values changed.
     pub nominals_changed: bool,
@@ -61,12 +61,12 @@ impl Instance {
         self.fmu.step()
     }
 
-    /// Messages since the last call: warnings, when every call was OK.
+    /// Messages since the last call: warnings, if every call was OK.
     pub fn messages(&self) -> Messages {
         self.unit.messages()
     }
 
-    /// True if what failed last may be tried otherwise, as with a shorter step.
+    /// True if the last failed call may be repeated in another way, for example with a shorter step.
     pub(crate) fn may_try_again(&self) -> bool {
         self.may_try_again.get()
     }
@@ -113,7 +113,7 @@ impl Instance {
         Error::Unit { unit: self.name.clone(), function: function.name_in(self.standard()), time: self.time, message }
     }
 
-    /// Refuses a number that a unit gave with the status OK and that is none.
+    /// Refuses a number that isn't finite, though the FMU returned the status OK.
     fn check_numbers(&self, function: Function, numbers: &[f64], name: impl Fn(usize) -> String) -> Result<(), Error> {
         let Some(place) = numbers.iter().position(|number| !number.is_finite()) else { return Ok(()) };
         self.may_try_again.set(true);
@@ -131,7 +131,7 @@ impl Instance {
     /// Sets a start value.
     ///
     /// # Errors
-    /// When the unit refuses it.
+    /// If the FMU refuses it.
     pub fn set_start(&self, reference: u32, value: &Value) -> Result<(), Error> {
         match value {
             Value::Real(value) => self.set_real(&[reference], &[*value]),
@@ -144,7 +144,7 @@ impl Instance {
     /// Sets up the experiment and enters Initialization Mode.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn enter_initialization(&mut self, start: f64, stop: f64) -> Result<(), Error> {
         self.time = start;
         self.call(Call::SetupExperiment { start, stop })?;
@@ -154,7 +154,7 @@ impl Instance {
     /// Leaves Initialization Mode.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn exit_initialization(&self) -> Result<(), Error> {
         self.call(Call::Plain(Function::ExitInitializationMode))
     }
@@ -162,7 +162,7 @@ impl Instance {
     /// Reads real variables.
     ///
     /// # Errors
-    /// When the unit refuses, or gives what is no finite number.
+    /// If the FMU refuses, or returns a number that is not finite.
     pub fn get_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
         self.get_any_real(references, values)?;
         self.check_numbers(Function::GetReal, values, |place| self.name_of(references[place]))
@@ -171,7 +171,7 @@ impl Instance {
     /// Reads real variables, finite or not.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn get_any_real(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         self.call(Call::GetReal(references, values))
@@ -180,7 +180,7 @@ impl Instance {
     /// Sets real variables.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn set_real(&self, references: &[u32], values: &[f64]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         self.call(Call::SetReal(references, values))
@@ -189,7 +189,7 @@ impl Instance {
     /// Reads integer variables.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         self.call(Call::GetWhole(Function::GetInteger, references, values))
@@ -198,7 +198,7 @@ impl Instance {
     /// Sets integer variables.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn set_integer(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         self.call(Call::SetWhole(Function::SetInteger, references, values))
@@ -207,7 +207,7 @@ impl Instance {
     /// Reads boolean variables: 0 or 1.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn get_boolean(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         self.call(Call::GetWhole(Function::GetBoolean, references, values))
@@ -216,7 +216,7 @@ impl Instance {
     /// Sets boolean variables: 0 or 1.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn set_boolean(&self, references: &[u32], values: &[i32]) -> Result<(), Error> {
         assert_eq!(references.len(), values.len());
         self.call(Call::SetWhole(Function::SetBoolean, references, values))
@@ -225,7 +225,7 @@ impl Instance {
     /// Takes one communication step.
     ///
     /// # Errors
-    /// When the step isn't finished, discarded ones included.
+    /// If the step isn't finished, also if it was discarded.
     pub fn do_step(&mut self, time: f64, step: f64) -> Result<(), Error> {
         self.time = time;
         self.call(Call::DoStep { time, step })
@@ -234,15 +234,15 @@ impl Instance {
     /// Ends the simulation.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn terminate(&self) -> Result<(), Error> {
         self.call(Call::Plain(Function::Terminate))
     }
 
-    /// Frees the instance; what it said at the last.
+    /// Frees the instance. Returns its last messages.
     ///
     /// # Errors
-    /// When its process doesn't survive that.
+    /// If its process doesn't survive that.
     pub fn free(mut self) -> Result<Messages, Error> {
         let (freed, standard) = (self.unit.free(), self.standard());
         let messages = self.unit.messages();
@@ -253,10 +253,10 @@ impl Instance {
         })
     }
 
-    /// How unknowns change when knowns change along a direction.
+    /// Directional derivative of unknowns with respect to knowns.
     ///
     /// # Errors
-    /// When the unit refuses, or gives what is no finite number.
+    /// If the FMU refuses, or returns a number that is not finite.
     pub fn directional_derivative(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>, Error> {
         assert_eq!(knowns.len(), seed.len());
         let mut result = vec![0.0; unknowns.len()];
@@ -271,7 +271,7 @@ impl Instance {
     /// Event Mode, as it is after initialisation, and then in Continuous-Time Mode.
     ///
     /// # Errors
-    /// When the unit refuses, or its events never end.
+    /// If the FMU refuses, or its events never end.
     pub fn finish_event(&self) -> Result<Event, Error> {
         let event = self.update()?;
         self.call(Call::Plain(Function::EnterContinuousTimeMode))?;
@@ -281,7 +281,7 @@ impl Instance {
     /// Leaves Event Mode for the next step of co-simulation.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn enter_step_mode(&self) -> Result<(), Error> {
         self.call(Call::Plain(Function::EnterStepMode))
     }
@@ -289,7 +289,7 @@ impl Instance {
     /// Takes discrete states over, in Event Mode, until they no longer change.
     ///
     /// # Errors
-    /// When the unit refuses, or its events never end.
+    /// If the FMU refuses, or its events never end.
     pub fn update(&self) -> Result<Event, Error> {
         let (mut info, mut states_changed, mut nominals_changed) = (no_event_info(), false, false);
         for _ in 0..EVENT_ITERATIONS {
@@ -312,7 +312,7 @@ impl Instance {
     /// Begins an event, of model exchange or, in FMI 3.0, at the end of a step.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn begin_event(&self) -> Result<(), Error> {
         self.call(Call::Plain(Function::EnterEventMode))
     }
@@ -320,16 +320,16 @@ impl Instance {
     /// Sets the time of model exchange, s.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn set_time(&mut self, time: f64) -> Result<(), Error> {
         self.time = time;
         self.call(Call::SetTime(time))
     }
 
-    /// Tells that an integrator's step is complete; whether the unit asks for Event Mode.
+    /// Reports that an integrator's step is complete. Returns true if the FMU requests Event Mode.
     ///
     /// # Errors
-    /// When the unit refuses, or asks to end the simulation.
+    /// If the FMU refuses, or requests to end the simulation.
     pub fn completed_step(&self) -> Result<bool, Error> {
         let mut asked = [0; 2];
         self.call(Call::CompletedIntegratorStep(&mut asked))?;
@@ -343,7 +343,7 @@ impl Instance {
     /// The continuous states, in the order of the model structure.
     ///
     /// # Errors
-    /// When the unit refuses, or gives what is no finite number.
+    /// If the FMU refuses, or returns a number that is not finite.
     pub fn states(&self, count: usize) -> Result<Vec<f64>, Error> {
         self.numbers(Function::GetContinuousStates, "state", count)
     }
@@ -351,7 +351,7 @@ impl Instance {
     /// Their derivatives.
     ///
     /// # Errors
-    /// When the unit refuses, or gives what is no finite number.
+    /// If the FMU refuses, or returns a number that is not finite.
     pub fn state_derivatives(&self, count: usize) -> Result<Vec<f64>, Error> {
         self.numbers(Function::GetDerivatives, "derivative", count)
     }
@@ -359,7 +359,7 @@ impl Instance {
     /// The event indicators.
     ///
     /// # Errors
-    /// When the unit refuses, or gives what is no finite number.
+    /// If the FMU refuses, or returns a number that is not finite.
     pub fn event_indicators(&self, count: usize) -> Result<Vec<f64>, Error> {
         self.numbers(Function::GetEventIndicators, "event indicator", count)
     }
@@ -367,7 +367,7 @@ impl Instance {
     /// The states' nominal values.
     ///
     /// # Errors
-    /// When the unit refuses, or gives what is no finite number.
+    /// If the FMU refuses, or returns a number that is not finite.
     pub fn nominals(&self, count: usize) -> Result<Vec<f64>, Error> {
         self.numbers(Function::GetNominalsOfContinuousStates, "nominal value", count)
     }
@@ -382,7 +382,7 @@ impl Instance {
     /// Sets the continuous states.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// If the FMU refuses.
     pub fn set_states(&self, states: &[f64]) -> Result<(), Error> {
         self.call(Call::SetContinuousStates(states))
     }

@@ -1,9 +1,9 @@
-//! Equations of units that were built with this crate, compiled while they already run: their library tells what was recorded
-//! of them, this program makes machine code of it, and hands it to instances when it is there. The bits are the same before
-//! and after.
+//! Equations of FMUs that were built with this crate, compiled while these already run: their library hands over the
+//! recorded equations, and this program hands their machine code to instances once it is ready. Results are the same
+//! to the bit.
 //!
-//! A kernel is for any parameters, and then for all instances of a unit; or it is folded, for those of one instance alone,
-//! whose numbers stand in the code. An instance leaves a folded one by itself as soon as a parameter is another.
+//! A kernel is for any parameters, and so for all instances of an FMU; or it is folded: its code contains the values of
+//! one instance's parameters. An instance drops a folded kernel by itself as soon as a parameter changes.
 
 use std::collections::HashMap;
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -22,43 +22,43 @@ use crate::fmi2::types::Component;
 use crate::jit::{self, Compiled};
 use crate::kernel::Kernel;
 
-/// What a library exports beside the functions of the standard.
+/// Functions that a library exports in addition to those of the standard.
 type Tell = unsafe extern "C" fn(Component, c_int, Option<Reply>, *mut c_void) -> c_int;
 type Reply = unsafe extern "C" fn(*mut c_void, *const c_char);
 type Take = unsafe extern "C" fn(Component, *const Kernel, c_int) -> c_int;
 type Has = unsafe extern "C" fn(Component) -> c_int;
 
-/// Only a run that goes on for so long after its equations were compiled is worth the second kernel.
+/// Delay of the second kernel, which doesn't pay for runs that end sooner.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// So many instances have kernels of their own at a time; each takes some 10 ms and 50 kB.
+/// Largest number of instances with folded kernels at a time; each takes some 10 ms and 50 kB.
 const MOST_FOLDED: usize = 16;
 
 /// True if instances get kernels of their own.
 static FOLDS: AtomicBool = AtomicBool::new(false);
-/// How many have.
+/// Number of instances that have one.
 static FOLDED: AtomicUsize = AtomicUsize::new(0);
 
-/// From now on, or no longer, equations are compiled for the parameters of each instance: that pays where each is stepped for
-/// long, and few are made.
+/// Turns folding on or off for all further instances: equations are then compiled for the parameters of each. That pays
+/// if instances are few and each takes many steps.
 pub fn fold_parameters(folds: bool) {
     FOLDS.store(folds, Ordering::Relaxed);
 }
 
-/// Checksum of the library in a file that holds these bytes; none where it isn't of this crate. How it was built doesn't
-/// tell it: a user's own models change without that.
+/// Checksum of a library from its file's bytes; none if it isn't of this crate. The mark of the build isn't enough,
+/// since a user's own models change without it.
 pub(super) fn checksum(file: &Path, library: &[u8]) -> Option<Checksum> {
     Build::within(library).map(|_| cache::checksum(file, library))
 }
 
-/// A kernel of a unit that is there now, later or never.
+/// A kernel of an FMU that is ready now, later or never.
 #[derive(Debug, Clone)]
 pub(super) struct Awaited {
     sought: Arc<Sought>,
     functions: Functions,
 }
 
-/// The functions of a library, as it was loaded once.
+/// The functions of one loaded library.
 #[derive(Debug, Clone, Copy)]
 struct Functions {
     tell: Tell,
@@ -68,9 +68,9 @@ struct Functions {
 
 #[derive(Debug, Default)]
 pub(super) struct Sought {
-    /// First one that is made quickly, and then a better one with the Jacobian too, which many runs are too short for.
+    /// A first kernel, which compiles quickly, and a second one with the Jacobian, which many runs are too short for.
     found: [OnceLock<Result<Made, String>>; 2],
-    /// True if it is being made: a unit that never steps needs none.
+    /// True once its compilation has begun: an FMU that never steps needs none.
     begun: AtomicBool,
 }
 
@@ -84,21 +84,21 @@ struct Made {
 /// Kernels by library and description.
 type Known = HashMap<(Checksum, String), Arc<Sought>>;
 
-/// Those for any parameters that this process has. They stay until it ends.
+/// All kernels for any parameters, until the process ends.
 static KNOWN: Mutex<Option<Known>> = Mutex::new(None);
 
 impl Awaited {
-    /// The kernel of the unit with a description, in a library with this checksum.
+    /// The kernel of the FMU with a description, in a library with this checksum.
     pub fn of(binary: &Binary, library: &Checksum, description: &Path) -> Option<Self> {
         let text = fs::read_to_string(description).ok()?;
         let functions = Functions::of(binary)?;
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-        // The library may be loaded many times, each time to another place: the kernel serves all, functions are of this one.
+        // The library may be loaded at several addresses: the kernel serves all, the functions only this one.
         let sought = Arc::clone(known.get_or_insert_default().entry((*library, text)).or_default());
         Some(Awaited { sought, functions })
     }
 
-    /// How equations are evaluated.
+    /// Text on how equations are evaluated.
     pub fn told(&self) -> String {
         let failed = self.sought.found[0].get().and_then(|found| found.as_ref().err().cloned());
         let as_they_are = failed.or_else(jit::refused).map(|reason| format!("not compiled: {reason}"));
@@ -106,13 +106,13 @@ impl Awaited {
     }
 }
 
-/// Instances with kernels of their own, as long as they live.
+/// Counts an instance with a folded kernel until it is dropped.
 #[derive(Debug)]
 pub(super) struct Counted;
 
 impl Counted {
     fn one() -> Option<Self> {
-        // What is counted is dropped again where there are too many.
+        // If there are too many, dropping the value uncounts it.
         let before = FOLDED.fetch_add(1, Ordering::Relaxed);
         Some(Counted).filter(|_| before < MOST_FOLDED)
     }
@@ -124,7 +124,7 @@ impl Drop for Counted {
     }
 }
 
-/// A kernel of an instance's own.
+/// A folded kernel of an instance.
 #[derive(Debug)]
 pub(super) struct Folding {
     own: Arc<Sought>,
@@ -132,21 +132,22 @@ pub(super) struct Folding {
     _counted: Counted,
 }
 
-/// What becomes of the equations of an instance.
+/// State of the equations of an instance.
 #[derive(Debug)]
 pub(super) enum Equations {
-    /// Nothing more.
+    /// No kernel is awaited any more.
     Settled,
-    /// It waits for its unit's kernel, the first or the second.
+    /// It waits for its FMU's kernel, the first or the second.
     Waiting(Awaited, usize),
-    /// It waits for one of its own; if that is of no use, there is the unit's.
+    /// It waits for a folded one; if it can't use that, it takes the FMU's.
     Folding(Folding),
-    /// It has one of its own, and waits for the second or not. Now and then it is asked whether it still has; so many steps ago.
+    /// It has a folded one. True if it waits for the second; the number of steps since the last check that it still
+    /// has one.
     Folded(Folding, bool, u8),
 }
 
 impl Equations {
-    /// Of an instance of a unit, where that has a kernel.
+    /// Equations of an instance of an FMU, with its kernel if it has one.
     pub fn of(unit: Option<Awaited>) -> Self {
         let folds = FOLDS.load(Ordering::Relaxed).then(Counted::one).flatten();
         match (unit, folds) {
@@ -156,7 +157,7 @@ impl Equations {
         }
     }
 
-    /// Hands a kernel to the instance, where one is there, and begins to make it where it isn't.
+    /// Hands a kernel to the instance if one is ready, else starts its compilation.
     pub fn look(&mut self, component: Component, binary: &Arc<Binary>) {
         let of_unit = |unit: &Awaited, which| unit.sought.hand_to(which, component, (binary, unit.functions), false);
         let of_own = |it: &Folding, which| it.own.hand_to(which, component, (binary, it.of_unit.functions), true);
@@ -174,11 +175,11 @@ impl Equations {
             },
             // SAFETY: a library of this crate gives the symbol this type; the instance is alive and in no other call.
             Equations::Folded(folding, _, u8::MAX) if unsafe { (folding.of_unit.functions.has)(component) } == 0 => {
-                // It has left what is dropped here, and nothing else is of use.
+                // The instance no longer uses the kernel, which is dropped here.
                 Equations::Waiting(folding.of_unit, 0)
             }
             Equations::Folded(folding, waits, asked) => {
-                // Where it refuses the second, it may still have the first.
+                // If it refuses the second, it may still have the first.
                 let waits = waits && of_own(&folding, 1).is_none();
                 Equations::Folded(folding, waits, asked.wrapping_add(1))
             }
@@ -203,7 +204,7 @@ impl Functions {
 }
 
 impl Sought {
-    /// Hands one of the two to an instance of the library; whether that took it, and nothing where it isn't there yet.
+    /// Hands one of the two to an instance of the library. Returns true if that took it, and none if it isn't ready.
     fn hand_to(
         self: &Arc<Self>,
         which: usize,
@@ -217,13 +218,13 @@ impl Sought {
             }
             return None;
         };
-        // SAFETY: the library itself told what was compiled. The instance is alive and in no other call; the kernel stays in
-        // memory until the process ends (`KNOWN`) or, folded, as long as what holds the instance.
+        // SAFETY: the library itself handed over the compiled equations. The instance is alive and in no other call;
+        // the kernel stays in memory until the process ends (`KNOWN`) or, if folded, as long as the instance's owner.
         let take = |made: &Made| unsafe { (functions.take)(component, made.compiled.kernel(), folded.into()) } != 0;
         Some(found.as_ref().is_ok_and(take))
     }
 
-    /// Begins to make both of what was told.
+    /// Starts the compilation of both.
     fn begin(self: &Arc<Self>, told: Result<String, String>, binary: &Arc<Binary>) {
         let (sought, binary) = (Arc::clone(self), Arc::clone(binary));
         thread::spawn(move || {
@@ -233,7 +234,7 @@ impl Sought {
             let _ = sought.found[0].set(found.map(made));
             let Some(functions) = functions.ok().filter(|functions| functions.jacobian.is_some()) else { return };
             thread::sleep(PATIENCE);
-            // Unless nobody waits any more.
+            // Skipped if nobody waits any more.
             if Arc::strong_count(&sought) > 1 {
                 let _ = sought.found[1].set(Compiled::of(&functions).map(made));
             }
@@ -241,15 +242,15 @@ impl Sought {
     }
 }
 
-/// What an instance tells of its equations.
+/// The equations of an instance, as text.
 fn told(component: Component, tell: Tell, folded: bool) -> Result<String, String> {
     let mut reply: Option<String> = None;
-    // SAFETY: the instance is alive and in no other call, and the reply's place lives longer than this one.
+    // SAFETY: the instance is alive and in no other call, and the reply outlives the call.
     unsafe { tell(component, folded.into(), Some(keep), std::ptr::from_mut(&mut reply).cast()) };
     reply.ok_or_else(|| "the library of the FMU doesn't provide its equations".to_owned())
 }
 
 unsafe extern "C" fn keep(context: *mut c_void, text: *const c_char) {
-    // SAFETY: called by the library with the place that it was given, and a C string.
+    // SAFETY: the library calls it with the context that it was given, and a C string.
     unsafe { *context.cast::<Option<String>>() = Some(CStr::from_ptr(text).to_string_lossy().into_owned()) };
 }

@@ -1,4 +1,4 @@
-//! What units say: their log messages, expanded and cleaned.
+//! Log messages of FMUs, expanded and cleaned.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,22 +10,22 @@ use super::unit::OK;
 use crate::error::one_line;
 use crate::fmi2::types::LoggerFunction;
 
-/// The most messages that are kept; of further ones, their number and the last.
+/// Largest number of stored messages; of further ones, only their number and the last are stored.
 const MOST: usize = 100;
-/// The most messages that an error tells.
+/// Largest number of messages in an error.
 const MOST_JOINED: usize = 10;
-/// The longest message, in bytes.
+/// Largest length of a message, in bytes.
 const LONGEST: usize = 4096;
 
 /// Messages, in their order.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Messages {
-    /// The first hundred.
+    /// The first hundred messages.
     kept: Vec<String>,
-    /// How many came after them, and the last one.
+    /// Number of messages after them, and the last one.
     further: usize,
     last: Option<String>,
-    /// What it told of calls that went well, as far as that is kept.
+    /// Messages of successful calls, if they are stored.
     details: Vec<String>,
 }
 
@@ -41,19 +41,19 @@ impl Messages {
         }
     }
 
-    /// Adds what was told of a call that went well; of many, the first are kept.
+    /// Adds a message of a successful call, unless there are too many.
     fn push_detail(&mut self, text: &str) {
         if self.details.len() < MOST {
             self.details.push(cleaned(text));
         }
     }
 
-    /// What was told of calls that went well, where that is kept.
+    /// Messages of successful calls, if they are stored.
     pub fn details(&self) -> &[String] {
         &self.details
     }
 
-    /// Adds what was said later.
+    /// Adds later messages.
     #[cfg(any(unix, test))]
     pub(super) fn append(&mut self, later: Messages) {
         later.details.iter().for_each(|text| self.push_detail(text));
@@ -64,24 +64,24 @@ impl Messages {
         }
     }
 
-    /// True if nothing was said.
+    /// True if there is no message.
     pub fn is_empty(&self) -> bool {
         self.kept.is_empty()
     }
 
-    /// How many there are, those that were not kept included.
+    /// Number of messages, including those that were dropped.
     pub fn count(&self) -> usize {
         self.kept.len() + self.further
     }
 
-    /// One after the other; in place of those that were not kept, their number.
+    /// The messages in order; in place of dropped ones, their number.
     pub fn iter(&self) -> impl Iterator<Item = String> + '_ {
         let uncounted = self.further.saturating_sub(1);
         let more = (uncounted > 0).then(|| format!("({uncounted} more messages)"));
         self.kept.iter().cloned().chain(more).chain(self.last.clone())
     }
 
-    /// The last of them in one line: they tell why something failed.
+    /// The last of them in one line, which contain the reason of a failure.
     pub fn joined(&self) -> String {
         let all: Vec<_> = self.iter().collect();
         let first = all.len().saturating_sub(MOST_JOINED);
@@ -90,25 +90,25 @@ impl Messages {
     }
 }
 
-/// A text in one line that isn't too long.
+/// A text in one line, cut if it is too long.
 fn cleaned(text: &str) -> String {
     let text = one_line(text.trim_end());
     let end = (0..=LONGEST.min(text.len())).rev().find(|&end| text.is_char_boundary(end)).unwrap_or_default();
     if end < text.len() { format!("{}…", &text[..end]) } else { text }
 }
 
-/// Messages of a unit that may log from any thread.
+/// Messages of an FMU that may log from any thread.
 #[derive(Debug, Default)]
 pub(super) struct Log {
     messages: Mutex<Messages>,
-    /// True if there may be any: masters ask after every step, and there hardly ever are.
+    /// True if there may be messages. It makes the check after every step cheap.
     spoke: AtomicBool,
-    /// True if what is told of calls that went well is kept, too.
+    /// True if messages of successful calls are stored too.
     keeps_details: bool,
 }
 
 impl Log {
-    /// A log that keeps what is told of calls that went well, too, or doesn't.
+    /// A log; with `details` it also stores messages of successful calls.
     pub fn keeping(details: bool) -> Self {
         Log { messages: Mutex::default(), spoke: AtomicBool::new(false), keeps_details: details }
     }
@@ -130,24 +130,24 @@ impl Log {
         if !self.spoke.load(Ordering::Acquire) {
             return Messages::default();
         }
-        // A message that comes meanwhile is either taken with the others, or told of anew.
+        // A message that arrives meanwhile is either taken with the others, or sets the flag again.
         self.spoke.store(false, Ordering::Release);
         std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// The function that units log by; its environment is a [`Log`].
+/// The function with which FMUs log; its environment is a [`Log`].
 pub(super) fn logger() -> LoggerFunction {
     #[cfg(not(target_family = "wasm"))]
     type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char);
     #[cfg(target_family = "wasm")]
     type Fixed = unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char, *mut c_void);
-    // SAFETY: the caller passes what the standard's type says; `keep_message` takes its arguments as they come in a
-    // call of a variadic function on its platform.
+    // SAFETY: the caller passes arguments of the standard's types; `keep_message` takes them as its platform passes
+    // them to a variadic function.
     unsafe { std::mem::transmute::<Fixed, LoggerFunction>(keep_message) }
 }
 
-/// The function that units of FMI 3.0 log by: messages come expanded. Its environment is a [`Log`].
+/// The function with which FMUs of FMI 3.0 log expanded messages. Its environment is a [`Log`].
 pub(super) unsafe extern "C-unwind" fn log_message(
     environment: *mut c_void,
     status: c_int,
@@ -162,17 +162,17 @@ pub(super) unsafe extern "C-unwind" fn log_message(
     }
 }
 
-/// Keeps an expanded message of a call that came to a status.
+/// Stores an expanded message with its status.
 ///
 /// # Safety
-/// The environment is a [`Log`] that lives.
+/// The environment must be a [`Log`] that is alive.
 unsafe fn keep(environment: *mut c_void, status: c_int, message: &str) {
     // SAFETY: as this function asks of its caller.
     let log = unsafe { &*environment.cast::<Log>() };
     if status == OK { log.push_detail(message) } else { log.push(message) }
 }
 
-/// True if a message of a status is kept.
+/// True if messages of a status are stored.
 ///
 /// # Safety
 /// As of [`keep`].
@@ -184,8 +184,8 @@ unsafe fn is_kept(environment: *mut c_void, status: c_int) -> bool {
 #[cfg(all(target_arch = "x86_64", unix))]
 use expanding::keep_message;
 
-/// Rust can't define a variadic function. Where the platform's calls are known, a few instructions hand the arguments
-/// behind the dots to C's own expansion.
+/// Expansion of messages. Rust can't define a variadic function; on a platform with a known calling convention, a few
+/// instructions pass the variadic arguments to C's vsnprintf.
 #[cfg(all(target_arch = "x86_64", unix))]
 mod expanding {
     use super::{CStr, LONGEST, c_char, c_int, c_void, is_kept, keep};
@@ -194,8 +194,8 @@ mod expanding {
         fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
     }
 
-    /// Lays out the `va_list` that a C compiler makes of its arguments (System V ABI, AMD64, section 3.5.7): the
-    /// registers that arguments come in, and where on the stack the others lie; then hands it on as a sixth argument.
+    /// Builds the `va_list` of its arguments as a C compiler does (System V ABI, AMD64, section 3.5.7): the argument
+    /// registers and the address of the others on the stack. Then passes it on as a sixth argument.
     #[unsafe(naked)]
     pub unsafe extern "C" fn keep_message(
         _environment: *mut c_void,
@@ -207,7 +207,7 @@ mod expanding {
         std::arch::naked_asm!(
             // 176 bytes of registers, 24 of the va_list, 8 that keep the stack aligned.
             "sub rsp, 216",
-            // The sixth argument's register; the five before hold the named ones.
+            // The sixth argument's register; the five before contain the named ones.
             "mov [rsp + 40], r9",
             // Vector registers are used where al isn't 0.
             "test al, al",
@@ -248,10 +248,10 @@ mod expanding {
         if format.is_null() || !unsafe { is_kept(environment, status) } {
             return;
         }
-        // One byte more than is kept shows that a text is longer.
+        // One byte more than is stored shows that a text is longer.
         let mut text = [0; LONGEST + 2];
-        // SAFETY: the format and what it asks for are the unit's, as for any printf; the buffer has that size, and
-        // vsnprintf ends what it writes there with a NUL.
+        // SAFETY: the FMU passes a format and matching arguments, as for any printf; the buffer has that size, and
+        // vsnprintf ends its text with a NUL.
         unsafe {
             if vsnprintf(text.as_mut_ptr(), text.len(), format, arguments) < 0 {
                 keep(environment, status, &CStr::from_ptr(format).to_string_lossy());
@@ -262,8 +262,8 @@ mod expanding {
     }
 }
 
-/// On other platforms the arguments before the dots come as in a function without dots, on WebAssembly with a pointer to
-/// the others behind them; what follows isn't read, and the message stays the format that it is.
+/// Stores the format itself as the message: on other platforms the variadic arguments aren't read. The named ones come
+/// as in any function, on WebAssembly followed by a pointer to the others.
 #[cfg(not(all(target_arch = "x86_64", unix)))]
 unsafe extern "C" fn keep_message(
     environment: *mut c_void,
@@ -294,7 +294,7 @@ mod tests {
         let log = Log::default();
         let environment = std::ptr::from_ref(&log).cast_mut().cast();
         let (name, logger) = (c"unit".as_ptr(), logger());
-        // SAFETY: what follows each format is what it asks for.
+        // SAFETY: the arguments match their formats.
         unsafe {
             logger(environment, name, Status::Warning, name, c"100 %% of %s".as_ptr(), c"it".as_ptr());
             logger(environment, name, Status::Error, name, c"%d %.3f %s %g %i".as_ptr(), 7, 1.5, name, 1e-9, -2);
@@ -317,7 +317,7 @@ mod tests {
     fn what_is_told_of_a_call_that_went_well_is_kept_where_that_is_asked_for() {
         let log = Log::keeping(true);
         let environment = std::ptr::from_ref(&log).cast_mut().cast();
-        // SAFETY: what follows the format is what it asks for.
+        // SAFETY: the argument matches the format.
         unsafe { logger()(environment, c"unit".as_ptr(), Status::Ok, c"logEvents".as_ptr(), c"%d steps".as_ptr(), 3) };
         let mut messages = log.take();
         assert_eq!((messages.is_empty(), messages.details()), (true, ["3 steps".to_owned()].as_slice()));

@@ -1,5 +1,5 @@
-//! FMUs, loaded as any master loads them: those of this package into this process, those of other tools into processes
-//! of their own.
+//! FMUs, loaded as any master loads them: those of this package into this process, those of other tools into separate
+//! processes.
 
 mod fmi2;
 mod fmi3;
@@ -49,7 +49,7 @@ use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use crate::model_description::ModelDescription;
 use crate::scratch::Scratch;
 
-/// The command by which this package's program runs a unit for another process of it.
+/// The command with which this package's program runs an FMU for another process of it.
 pub const UNIT_PROCESS: &str = "unit-process";
 
 /// Communication step of an FMU that proposes none, s.
@@ -57,10 +57,10 @@ const STEP: f64 = 1e-3;
 const NOT_FOR_CO_SIMULATION: &str = "modelDescription.xml: the FMU does not support co-simulation";
 const NOT_FOR_EXCHANGE: &str = "modelDescription.xml: the FMU does not support model exchange";
 
-/// True if what units of this package tell of calls that went well is kept: by which method they are integrated.
+/// True if messages of successful calls of this package's FMUs are stored, such as the integration method.
 static DETAILS: AtomicBool = AtomicBool::new(false);
 
-/// From now on, what units of this package tell of calls that went well is kept ([`Messages::details`]).
+/// Stores messages of successful calls of this package's FMUs from now on ([`Messages::details`]).
 pub fn keep_details() {
     DETAILS.store(true, Ordering::Relaxed);
 }
@@ -68,32 +68,32 @@ pub fn keep_details() {
 /// A value of a variable.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// Of a Real.
+    /// Value of a Real.
     Real(f64),
-    /// Of an Integer, or the number of an Enumeration's item.
+    /// Value of an Integer, or number of an Enumeration's item.
     Integer(i32),
-    /// Of a Boolean.
+    /// Value of a Boolean.
     Boolean(bool),
-    /// Of a String.
+    /// Value of a String.
     String(String),
 }
 
-/// Where units of other tools run. Those that were built with this crate always run in this process.
+/// Processes for FMUs of other tools. Those that were built with this crate always run in this process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Hosting {
-    /// In this process: faster, and what they do wrong they do to it.
+    /// They run in this process: faster, but a crash ends it.
     InProcess,
-    /// Each instance in a process of its own.
+    /// Each instance runs in a separate process.
     OwnProcess {
         /// This package's program.
         program: PathBuf,
-        /// How long one call may take.
+        /// Longest time of one call.
         patience: Duration,
     },
 }
 
 impl Hosting {
-    /// True if a process can be had for each unit on this platform.
+    /// True if this platform supports a process for each FMU.
     pub const HAS_PROCESSES: bool = cfg!(unix);
 }
 
@@ -101,26 +101,26 @@ impl Hosting {
 #[derive(Debug)]
 pub struct Fmu {
     file: PathBuf,
-    /// Its files, as long as it lives; none where it was never an archive.
+    /// Its unpacked files, which are deleted with it; none if it was never an archive.
     _folder: Option<Scratch>,
-    /// What its instances are told of where its resources lie.
+    /// Location of its resources, as its instances get it.
     resources: String,
     /// modelDescription.xml
     text: String,
-    /// What it says of itself.
+    /// The same, parsed.
     pub description: ModelDescription,
-    /// Where instances for co-simulation run, and those for model exchange, where it is for these.
+    /// Library and process of instances for co-simulation, if it supports that.
     co_simulation: Option<Place>,
-    /// One that can't be had says why when it is asked for: the other interface may do.
+    /// The same for model exchange. A failure is reported only on use, since the other interface may suffice.
     exchange: Option<Result<Place, String>>,
 }
 
-/// Where its instances run.
+/// Library and process of its instances.
 #[derive(Debug, Clone)]
 enum Place {
     Here {
         binary: Arc<Binary>,
-        /// Its compiled equations, where it is of this crate.
+        /// Its compiled equations, if it is of this crate.
         kernel: Option<Awaited>,
     },
     #[cfg(unix)]
@@ -128,20 +128,20 @@ enum Place {
 }
 
 impl Fmu {
-    /// Opens an archive of a unit for co-simulation, whose instances run where units of its kind do.
+    /// Opens an archive of an FMU for co-simulation.
     ///
     /// # Errors
-    /// When it is no FMU for co-simulation on this platform.
+    /// If it is no FMU for co-simulation on this platform.
     pub fn open(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
         let fmu = Self::open_any(file, hosting)?;
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
         if fmu.description.co_simulation { Ok(fmu) } else { Err(refuse(NOT_FOR_CO_SIMULATION.to_owned())) }
     }
 
-    /// Opens an archive of a unit for co-simulation, model exchange or both.
+    /// Opens an archive of an FMU for co-simulation, model exchange or both.
     ///
     /// # Errors
-    /// When it is no FMU of FMI 2.0 or 3.0 on this platform.
+    /// If it is no FMU of FMI 2.0 or 3.0 on this platform.
     pub fn open_any(file: &Path, hosting: &Hosting) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Archive { file: file.to_owned(), reason };
         let text = read_entry(file, "modelDescription.xml")?;
@@ -149,7 +149,7 @@ impl Fmu {
         let folder = Scratch::new()?;
         let (own, entries, common) = (Platform::own(), entries(file)?, OwnLibrary::loaded());
         let standard = description.standard;
-        // The library beside this program isn't unpacked: it is loaded already.
+        // The library next to this program isn't unpacked, since it is loaded already.
         unpack_but(file, folder.path(), common.map(|common| common.mark))?;
         let resources = folder.path().join("resources");
         let place = |identifier: &str| {
@@ -178,10 +178,10 @@ impl Fmu {
         Ok(Fmu { file, _folder: Some(folder), resources, text, description, co_simulation, exchange })
     }
 
-    /// A unit of this very library, of its description and the modelDescription.xml of that: where there are no archives.
+    /// An FMU of this library itself, from its description and the modelDescription.xml of that, without an archive.
     ///
     /// # Errors
-    /// When that is none for co-simulation.
+    /// If it isn't for co-simulation.
     #[cfg(target_family = "wasm")]
     pub fn linked(described: &str, text: String) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Library(reason);
@@ -197,12 +197,12 @@ impl Fmu {
         &self.file
     }
 
-    /// The communication step that it proposes, else a usual one, s.
+    /// The communication step that it proposes, else a default one, s.
     pub fn step(&self) -> f64 {
         self.description.step.filter(|step| *step > 0.0).unwrap_or(STEP)
     }
 
-    /// Where it comes from, and how its instances run, for those who want to know.
+    /// Text on its origin, and on how its instances run.
     pub fn told(&self) -> String {
         let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
         let how = match self.co_simulation.as_ref().or_else(exchange) {
@@ -215,7 +215,7 @@ impl Fmu {
         format!("{}, {how}{evaluated}", self.file.display())
     }
 
-    /// How the equations of a unit of this package are evaluated.
+    /// Text on how the equations of one of this package's FMUs are evaluated.
     pub fn evaluated(&self) -> Option<String> {
         let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
         match self.co_simulation.as_ref().or_else(exchange)? {
@@ -230,7 +230,7 @@ impl Fmu {
         &self.text
     }
 
-    /// True if each instance has a process of its own.
+    /// True if each instance has a separate process.
     pub fn has_own_processes(&self) -> bool {
         let exchange = self.exchange.iter().filter_map(|place| place.as_ref().ok());
         self.co_simulation.iter().chain(exchange).all(|place| !matches!(place, Place::Here { .. }))
@@ -274,7 +274,7 @@ impl Fmu {
         name: &str,
     ) -> Result<Instance, Error> {
         let ModelDescription { standard, guid, generation_tool, arrays, .. } = &self.description;
-        // Those of this package tell of errors and warnings in any case.
+        // This package's FMUs report errors and warnings in any case.
         let is_own = generation_tool.starts_with("adaptive-fmu");
         let details = is_own && DETAILS.load(Ordering::Relaxed);
         let plan = Plan {
@@ -295,7 +295,7 @@ impl Fmu {
 }
 
 impl Place {
-    /// Where the instances of a library run, whose resources lie in a folder; the reason where it can't be loaded.
+    /// Loads a library, whose resources are in a folder, or chooses a separate process. Returns the reason if it can't.
     fn of(library: PathBuf, resources: &Path, hosting: &Hosting, standard: Standard) -> Result<Self, String> {
         let bytes = std::fs::read(&library).map_err(|error| format!("its library can't be read: {error}"))?;
         let checksum = checksum(&library, &bytes);
@@ -310,7 +310,7 @@ impl Place {
         Ok(Place::here(&Arc::new(Binary::load(&library, standard)?), checksum.as_ref(), resources))
     }
 
-    /// In this process; by compiled equations where its library is of this crate, and has a checksum.
+    /// Returns instances in this process, with compiled equations if the library is of this crate and has a checksum.
     fn here(binary: &Arc<Binary>, checksum: Option<&Checksum>, resources: &Path) -> Self {
         let kernel = checksum.and_then(|checksum| Awaited::of(binary, checksum, &resources.join(DESCRIPTION)));
         Place::Here { binary: Arc::clone(binary), kernel }
@@ -327,9 +327,9 @@ impl Place {
     }
 }
 
-/// The library that was built together with this program, as most FMUs hold it: loaded once.
+/// The library that was built together with this program, which most FMUs contain: loaded once.
 struct OwnLibrary {
-    /// With the functions of each version of the standard.
+    /// Functions for each version of the standard.
     binaries: [Arc<Binary>; 2],
     checksum: Checksum,
     /// Size and checksum within archives.
@@ -337,7 +337,7 @@ struct OwnLibrary {
 }
 
 impl OwnLibrary {
-    /// Where there is one.
+    /// Returns it if there is one.
     fn loaded() -> Option<&'static Self> {
         static OWN: OnceLock<Option<OwnLibrary>> = OnceLock::new();
         let load = || {

@@ -1,5 +1,5 @@
-//! Units that run in a process of their own: when one crashes, hangs, ends its process or writes to its standard
-//! output, the run goes on to its end, and tells.
+//! FMUs in separate processes: if one crashes, hangs, ends its process or writes to its standard output, the program
+//! continues and reports it.
 
 use std::cell::RefCell;
 use std::io::{self, BufRead, BufReader, ErrorKind, PipeReader};
@@ -18,12 +18,12 @@ use super::messages::{Log, Messages};
 use super::unit::{Answer, Call, OK, RunningUnit};
 use super::wire::{Beginning, Reply, Request, receive, send};
 
-/// How long the last of what was written is waited for once a process has ended.
+/// Time to wait for the last output of a process that has ended.
 const LAST_WORDS: Duration = Duration::from_millis(500);
-/// The longest line that is kept of what a unit writes, in bytes.
+/// Largest length of a line of an FMU's output, in bytes.
 const LONGEST_LINE: u64 = 4096;
 
-/// An instance in a process of its own.
+/// An instance in a separate process.
 #[derive(Debug)]
 pub(super) struct OwnProcess {
     child: RefCell<Child>,
@@ -34,13 +34,13 @@ pub(super) struct OwnProcess {
     said: RefCell<Messages>,
     written: Arc<Log>,
     listener: RefCell<Option<JoinHandle<()>>>,
-    /// Why nothing answers any more.
+    /// Reason why the process no longer answers.
     gone: RefCell<Option<String>>,
     is_freed: bool,
 }
 
 impl OwnProcess {
-    /// Makes an instance in a process of a program, which answers within some time; the reason where that fails.
+    /// Makes an instance in a process of a program that must answer within `patience`. Returns the reason if it can't.
     pub fn new(program: &Path, patience: Duration, library: &Path, plan: &Plan) -> Result<Self, String> {
         let unit =
             Self::begun(program, patience).map_err(|error| format!("no process could be started for it: {error}"))?;
@@ -67,9 +67,9 @@ impl OwnProcess {
         let mut command = Command::new(program);
         command.arg(UNIT_PROCESS).stdin(Stdio::from(OwnedFd::from(other)));
         command.stdout(writer.try_clone()?).stderr(writer);
-        // An interrupt from the terminal is this program's to answer.
+        // Only this program answers an interrupt from the terminal.
         let child = command.process_group(0).spawn()?;
-        // The command holds the other ends: without them, the end of the child is the end of what can be read.
+        // The command owns the other ends. Without them, reading ends when the child ends.
         drop(command);
         let written = Arc::<Log>::default();
         let log = Arc::clone(&written);
@@ -92,7 +92,7 @@ impl OwnProcess {
         reply.map_err(|error| self.lost(&error))
     }
 
-    /// Ends the process that doesn't answer; why it doesn't.
+    /// Ends the process that doesn't answer. Returns the reason.
     fn lost(&self, error: &io::Error) -> String {
         let reason = if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) {
             let patience = self.patience.as_secs_f64();
@@ -108,7 +108,7 @@ impl OwnProcess {
         reason
     }
 
-    /// How the process ended, where it does so soon.
+    /// Exit status of the process, if it ends soon.
     fn status(&self) -> Option<ExitStatus> {
         let begun = Instant::now();
         while begun.elapsed() < LAST_WORDS {
@@ -120,16 +120,16 @@ impl OwnProcess {
         None
     }
 
-    /// Ends the process, and keeps the last of what it wrote.
+    /// Ends the process and stores its last output.
     fn end(&self) {
         let mut child = self.child.borrow_mut();
-        // With all processes that the unit began: they are of its group, unless they chose to leave it.
+        // Includes all processes that the FMU started, unless they left its group.
         // SAFETY: sends a signal to a group that this process made.
         unsafe { libc::kill(-(child.id() as libc::pid_t), libc::SIGKILL) };
         // It may have ended by itself.
         let _ = child.kill();
         let _ = child.wait();
-        // A process that the unit began may hold the pipe for ever.
+        // A process that the FMU started may keep the pipe open for ever.
         let begun = Instant::now();
         if let Some(listener) = self.listener.take() {
             while !listener.is_finished() && begun.elapsed() < LAST_WORDS {
@@ -139,7 +139,7 @@ impl OwnProcess {
     }
 }
 
-/// Keeps what a unit writes, line by line.
+/// Stores an FMU's output, line by line.
 fn keep_lines(reader: PipeReader, log: &Log) {
     let mut reader = BufReader::new(reader);
     let mut line = Vec::new();
@@ -205,7 +205,7 @@ impl RunningUnit for OwnProcess {
 
 impl Drop for OwnProcess {
     fn drop(&mut self) {
-        // Who wants to know whether an instance can be freed asks for it before.
+        // A caller who needs to know of a failure calls `free` before.
         let _ = self.free();
         self.end();
     }

@@ -1,4 +1,4 @@
-//! Units in Python, whose libraries leave it to the host to have Python loaded.
+//! FMUs in Python, whose libraries expect the host to have Python loaded.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -17,13 +17,13 @@ pub(super) fn is_missing(reason: &str) -> bool {
     reason.contains("undefined symbol: Py") || reason.contains("undefined symbol: _Py")
 }
 
-/// Loads the shared library of the Python that `python3` is, for all that is loaded later; what to do where that fails.
+/// Loads the shared library of `python3` for all libraries that are loaded later. Returns advice if that fails.
 pub(super) fn load() -> Result<(), String> {
     let library = find()?;
-    // SAFETY: the user asked for a unit to be run that needs Python; its initialisers run as in any host of Python.
+    // SAFETY: the user asked to run an FMU that needs Python; its initializers run as in any host of Python.
     let loaded = unsafe { Library::open(Some(&library), RTLD_NOW | RTLD_GLOBAL) };
     let loaded = loaded.map_err(|error| needs(&with_causes(&error)))?;
-    // Python can't be unloaded: the unit's library may use it until this process ends.
+    // Python can't be unloaded, since the FMU's library may use it until this process ends.
     std::mem::forget(loaded);
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Units that are made ready once for all runs of a process: exported, unpacked and loaded.
+//! FMUs that are exported, unpacked and loaded once for all runs of a process.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,10 +9,10 @@ use crate::exporter::{Library, Source};
 #[cfg(not(target_family = "wasm"))]
 use crate::scratch::Scratch;
 
-/// So many units are kept; the one that wasn't asked for longest goes.
+/// Largest number of cached FMUs; the least recently used one is dropped.
 const MOST_KEPT: usize = 64;
 
-/// Units by their descriptions.
+/// FMUs by their descriptions.
 #[derive(Debug)]
 pub struct Ready {
     library: Library,
@@ -22,10 +22,10 @@ pub struct Ready {
 }
 
 impl Ready {
-    /// None is ready yet. They are of the library that was built together with this program.
+    /// Returns an empty cache for the library that was built together with this program.
     ///
     /// # Errors
-    /// When there is none, or no temporary folder can be had.
+    /// If there is none, or a temporary folder can't be made.
     pub fn new() -> Result<Self, Error> {
         Ok(Ready {
             library: Library::beside_program()?,
@@ -35,12 +35,12 @@ impl Ready {
         })
     }
 
-    /// The library that they are of.
+    /// The library of these FMUs.
     pub fn library(&self) -> &Library {
         &self.library
     }
 
-    /// The unit of a description.
+    /// The FMU of a description.
     ///
     /// # Errors
     /// For a description that is refused, or files that can't be written.
@@ -58,12 +58,12 @@ impl Ready {
         Ok(fmu)
     }
 
-    /// By way of an archive, as any master has it.
+    /// Exports an archive and opens it, as any master does.
     #[cfg(not(target_family = "wasm"))]
     fn made(&self, source: &Source) -> Result<Fmu, Error> {
         let file = crate::exporter::export(source, &self.library, self.folder.path())?;
         let fmu = Fmu::open_any(&file, &super::Hosting::InProcess)?;
-        // It was unpacked; the next may have its name.
+        // It is unpacked, and the next one may have the same name.
         std::fs::remove_file(&file).map_err(Error::file(&file))?;
         Ok(fmu)
     }

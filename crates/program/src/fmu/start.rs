@@ -5,10 +5,10 @@ use crate::error::{Error, Invalid, Number};
 use crate::fmi2::model_description::DESIGNED;
 use crate::model_description::Variable;
 
-/// What shows all variables of an FMU, for messages that list some.
+/// Command that shows all variables of an FMU, for messages that list some.
 pub(crate) const SHOWS_VARIABLES: &str = "`adaptive-fmu info FILE.fmu`";
 
-/// A text as a value of a variable's type.
+/// Converts a text to a value of a variable's type.
 pub(crate) fn typed(text: &str, variable: &Variable) -> Result<Value, String> {
     let word = text.trim();
     match variable.kind.as_str() {
@@ -40,7 +40,7 @@ pub(crate) fn own_start(variable: &Variable) -> Option<Value> {
     typed(variable.start.as_ref()?, variable).ok()
 }
 
-/// A start value, where it is one that the FMU allows its parameter.
+/// Checks that a start value is within the limits of its parameter.
 pub(crate) fn within_limits(value: Value, variable: &Variable) -> Result<Value, String> {
     let number = match value {
         Value::Real(number) => number,
@@ -84,7 +84,7 @@ pub(crate) fn is_designed(variable: &Variable) -> bool {
     variable.variability == "constant" && variable.description.ends_with(DESIGNED)
 }
 
-/// Why a variable keeps its start value, or has none.
+/// Reason why a variable keeps its start value, or has none.
 pub(crate) fn why_fixed(variable: &Variable) -> String {
     if is_designed(variable) {
         return format!(

@@ -1,4 +1,4 @@
-//! A unit's functions as a master calls them, wherever the unit runs.
+//! An FMU's functions as a master calls them, in any process.
 
 use std::ffi::c_int;
 use std::fmt;
@@ -7,13 +7,13 @@ use super::messages::Messages;
 use crate::fmi2::calls::Function;
 use crate::fmi2::types::{EventInfo, Status};
 
-/// The functions' answers as numbers: another tool's unit may give any.
+/// Status of a call as a number, since another tool's FMU may return any.
 pub(super) type Answer = c_int;
 pub(super) const OK: Answer = Status::Ok as c_int;
 pub(super) const WARNING: Answer = Status::Warning as c_int;
 pub(super) const DISCARD: Answer = Status::Discard as c_int;
 
-/// A call of a function, with what it takes and where its answer goes.
+/// A call of a function, with its arguments and the place of its results.
 #[derive(Debug)]
 pub(super) enum Call<'a> {
     /// A function that takes the instance only.
@@ -43,7 +43,7 @@ pub(super) enum Call<'a> {
     SetContinuousStates(&'a [f64]),
     SetTime(f64),
     NewDiscreteStates(&'a mut EventInfo),
-    /// True if Event Mode, and whether the end of the simulation, is asked for.
+    /// Nonzero if Event Mode, and if the end of the simulation, is requested.
     CompletedIntegratorStep(&'a mut [i32; 2]),
 }
 
@@ -69,19 +69,19 @@ impl Call<'_> {
     }
 }
 
-/// An instance of a unit, in this process or in one of its own.
+/// An instance of an FMU, in this process or in a separate one.
 pub(super) trait RunningUnit: fmt::Debug {
-    /// Calls a function; the reason where there is no answer.
+    /// Calls a function. Returns the reason if there is no answer.
     fn call(&self, call: Call<'_>) -> Result<Answer, String>;
 
-    /// What it logged or wrote since it was asked last.
+    /// Messages that it logged or wrote since the last call.
     fn messages(&self) -> Messages;
 
-    /// Frees the instance, once; the reason where that fails.
+    /// Frees the instance once. Returns the reason if that fails.
     fn free(&mut self) -> Result<(), String>;
 }
 
-/// An event's information before a unit has given any.
+/// Event information before an FMU has returned any.
 pub(super) fn no_event_info() -> EventInfo {
     EventInfo {
         new_discrete_states_needed: 0,

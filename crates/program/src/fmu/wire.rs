@@ -1,4 +1,4 @@
-//! Calls as they travel between processes.
+//! Calls as messages between processes.
 
 use std::borrow::Cow;
 use std::io::{self, ErrorKind, Read, Write};
@@ -12,17 +12,17 @@ use super::messages::Messages;
 use super::unit::{Answer, Call, RunningUnit, no_event_info};
 use crate::fmi2::calls::Function;
 
-/// The longest message, in bytes: any more is no message of ours.
+/// Largest length of a message, in bytes: a longer one isn't ours.
 const LONGEST: u32 = 1 << 30;
 
-/// The first message to a unit's process: what is to run in it.
+/// The first message to an FMU's process: the library and the plan of its instance.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Beginning {
     pub library: PathBuf,
     pub plan: Plan,
 }
 
-/// A call of a function, with what it takes and how much it gives.
+/// A call of a function, with its arguments and the number of its results.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Request<'a> {
     Plain(Function),
@@ -42,12 +42,12 @@ pub(super) enum Request<'a> {
     Free,
 }
 
-/// What a call came to.
+/// Result of a call.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Reply {
-    /// The answer; the reason where there is none.
+    /// The answer, or the reason if there is none.
     pub answer: Result<Answer, String>,
-    /// What the unit logged.
+    /// Messages that the FMU logged.
     pub messages: Messages,
     pub reals: Vec<f64>,
     pub wholes: Vec<i32>,
@@ -79,7 +79,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Calls the function of a unit.
+    /// Calls the function of an instance.
     pub fn answered_by(&self, unit: &mut dyn RunningUnit) -> Reply {
         let (mut reals, mut wholes) = (Vec::new(), Vec::new());
         let answer = match self {
@@ -120,14 +120,14 @@ impl<'a> Request<'a> {
     }
 }
 
-/// A vector of so many zeros.
+/// Fills a vector with `count` zeros.
 fn sized<T: Default + Clone>(values: &mut Vec<T>, count: usize) -> &mut [T] {
     values.resize(count, T::default());
     values
 }
 
 impl Reply {
-    /// Puts what came back where the call wants it.
+    /// Copies the results to the call's places.
     pub fn hand_over(&self, call: Call<'_>) -> Result<(), String> {
         match call {
             Call::GetReal(_, values)
@@ -183,7 +183,7 @@ pub(super) fn receive<T: DeserializeOwned>(mut from: impl Read, buffer: &mut Vec
         return Err(ErrorKind::InvalidData.into());
     }
     buffer.clear();
-    // Grows as bytes come: a length alone takes no memory.
+    // The buffer grows as bytes arrive, so a wrong length takes no memory.
     from.take(length.into()).read_to_end(buffer)?;
     if buffer.len() != length as usize {
         return Err(ErrorKind::UnexpectedEof.into());
