@@ -1,4 +1,4 @@
-//! Runs of several loops on one page: what all of them measure, in one table and in common diagrams.
+//! Runs of several loops on one page: their common metrics, in one table and in common diagrams.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use crate::drawing::escaped;
 use crate::figures::{Diagram, Given, Part, Shown, beginning, bound, ending, push_diagrams, time_label};
 use crate::structure::{Metric, PerformanceFunction, Scale};
 
-/// Runs side by side, one at least.
+/// At least one run, side by side.
 #[derive(Debug)]
 pub struct Comparison<'a> {
     /// The runs.
@@ -19,13 +19,13 @@ pub struct Comparison<'a> {
     pub labels: Vec<String>,
 }
 
-/// The widest line of the table, in characters.
+/// Largest width of the table, in characters.
 const WIDTH: usize = 100;
-/// The widest first column, and the widest of a run; the narrowest of a run.
+/// Largest widths of the first column and of a run's column, and the smallest of a run's.
 const WIDEST: (usize, usize) = (44, 24);
 const NARROWEST: usize = 12;
 
-/// What all runs measure of: a signal, what is subtracted from it, and the funnel that the difference is to stay in.
+/// Subject of a metric of all runs: a signal, its reference, and the funnel for the difference.
 struct Compared<'a> {
     of: &'a str,
     minus: Option<&'a str>,
@@ -37,7 +37,7 @@ impl Comparison<'_> {
         self.runs.iter().zip(self.labels.iter().map(String::as_str))
     }
 
-    /// The metrics of all runs: label, and a value a run.
+    /// The metrics of all runs: label, and a value for each run.
     pub fn metrics(&self) -> Vec<(String, Vec<Option<f64>>)> {
         let mut rows: Vec<(String, Vec<Option<f64>>)> = Vec::new();
         for metric in self.runs.iter().flat_map(|run| run.measured) {
@@ -64,7 +64,7 @@ impl Comparison<'_> {
         }
         let first = metrics.iter().map(|(label, _)| wide(label)).max().unwrap_or(0).min(WIDEST.0);
         let width = names.iter().map(|name| wide(name)).max().unwrap_or(0).max(NARROWEST);
-        // As many runs side by side as there is room for; a long label has a line of its own.
+        // As many runs side by side as fit; a long label gets a separate line.
         let places: Vec<usize> = (0..names.len()).collect();
         for places in places.chunks(((WIDTH - first) / (width + 1)).max(1)) {
             let cells = |of: &dyn Fn(usize) -> String| -> String {
@@ -83,7 +83,7 @@ impl Comparison<'_> {
     /// The page.
     ///
     /// # Errors
-    /// When a metric names a signal that isn't there.
+    /// If a metric names a signal that isn't there.
     pub fn html(&self) -> Result<String, String> {
         let mut page = beginning(&self.labels.join(", "), "Metrics that all of these loops have.");
         for (run, label) in self.named() {
@@ -99,10 +99,10 @@ impl Comparison<'_> {
         Ok(page)
     }
 
-    /// What all runs measure, a signal a diagram, and errors in their funnels.
+    /// A diagram for each signal of a common metric, and for errors in their funnels.
     ///
     /// # Errors
-    /// When a metric names a signal that isn't there.
+    /// If a metric names a signal that isn't there.
     pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
         let mut diagrams = Vec::new();
         for compared in self.compared() {
@@ -114,7 +114,7 @@ impl Comparison<'_> {
         Ok(diagrams)
     }
 
-    /// What the metrics of every run are about, in the order of the first.
+    /// The subjects of metrics that every run has, in the order of the first run.
     fn compared(&self) -> Vec<Compared<'_>> {
         let key = |metric: &Metric| (metric.of.clone(), metric.minus.clone());
         let known = |run: &Report, metric: &Metric| run.structure.metrics.iter().any(|other| key(other) == key(metric));
@@ -178,7 +178,7 @@ impl Comparison<'_> {
     }
 }
 
-/// A curve of a run; its unit is that of the signal that it shows.
+/// A curve of a run, with the unit of its signal.
 fn curve<'a>(run: &'a Report, name: &str, part: Part, shown: Shown, values: Cow<'a, [f64]>) -> Given<'a> {
     let unit = shown.of.as_deref().and_then(|of| run.recording.measure(of)).unwrap_or_default().to_owned();
     let times = Cow::Borrowed(run.recording.times.as_slice());

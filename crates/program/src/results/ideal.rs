@@ -1,11 +1,11 @@
-//! Ideal models of a loop: what its outputs are to follow, simulated beside its recording.
+//! Ideal models of a loop: responses that its outputs should follow, simulated along with its recording.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::simulation::{Recording, place};
 use crate::structure::IdealModel;
 
-/// The ideal models of a loop, of one part of a run after the other.
+/// The ideal models of a loop, for one part of a run after the other.
 #[derive(Debug)]
 pub(super) struct Ideals {
     /// Number of signals of the loop itself.
@@ -16,16 +16,16 @@ pub(super) struct Ideals {
 #[derive(Debug)]
 struct Ideal {
     input: usize,
-    /// Its column, to which it is added where another model has it already.
+    /// Its column; if another model has the same, their responses are added.
     column: usize,
     response: Response,
 }
 
 impl Ideals {
-    /// For a recording, which gets their names.
+    /// Returns the ideal models for a recording, which gets their names.
     ///
     /// # Errors
-    /// When one names a signal that isn't there, or has the name of one.
+    /// If one names a signal that isn't there, or has the name of one.
     pub fn new(models: &[IdealModel], recording: &mut Recording) -> Result<Self, String> {
         let (signals, mut ideals, mut names) = (recording.names.len(), Vec::new(), recording.names.clone());
         for model in models {
@@ -61,8 +61,9 @@ impl Ideals {
     }
 }
 
-/// Response of a model, its input linear between the recorded points: exact but for that, by the exponential of the
-/// matrix [A B 0; 0 0 1; 0 0 0] over each step. Beside it runs what is left of an impulse, for the initial state.
+/// Response of a model to an input that is linear between the recorded points. It is exact for such an input, by the
+/// exponential of the matrix [A B 0; 0 0 1; 0 0 0] over each step. The impulse response is added for the initial
+/// state.
 #[derive(Debug)]
 struct Response {
     numerator: Vec<f64>,
@@ -73,7 +74,7 @@ struct Response {
     step: f64,
     state: DVector<f64>,
     free: DVector<f64>,
-    /// What the next vector is computed in.
+    /// Workspace for the next vector.
     spare: DVector<f64>,
     /// Time and input of the last point.
     last: Option<(f64, f64)>,
@@ -108,7 +109,7 @@ impl Response {
         }
     }
 
-    /// At the next point.
+    /// The response at the next point.
     fn next(&mut self, time: f64, input: f64) -> f64 {
         let Some((before, held)) = self.last.replace((time, input)) else { return output(&self.initial, &self.free) };
         let h = time - before;
@@ -126,7 +127,7 @@ impl Response {
     }
 }
 
-/// The output by its coefficients, the highest power first.
+/// The output from its coefficients, highest power first.
 fn output(coefficients: &[f64], state: &DVector<f64>) -> f64 {
     coefficients.iter().rev().zip(state.iter()).map(|(b, x)| b * x).sum()
 }

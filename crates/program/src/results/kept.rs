@@ -1,4 +1,4 @@
-//! The points of a long run that its diagrams are drawn of: of neighbours, those in which a curve is smallest or largest.
+//! Thinned points of a long run for its diagrams: from each group of neighbours, those at which a curve is extreme.
 
 use std::ops::Range;
 
@@ -7,33 +7,33 @@ use crate::figures::{Shown, diagrams};
 use crate::simulation::Recording;
 use crate::structure::Structure;
 
-/// The most values that are kept, unless there are so many curves that these are few groups of points.
+/// Largest number of stored values, unless there are so many curves that this would be too few groups.
 const VALUES: usize = 1 << 20;
-/// So many groups are kept in any case.
+/// Smallest number of groups that are stored in any case.
 const LEAST_GROUPS: usize = 4;
-/// The points that one curve keeps of a group: its smallest and its largest, and the first that isn't finite.
+/// Number of points that one curve needs of a group: its smallest and largest, and the first that isn't finite.
 const OF_CURVE: usize = 3;
 
-/// Kept points, in groups of neighbours.
+/// Stored points, in groups of neighbours.
 #[derive(Debug)]
 pub(super) struct Kept {
     curves: Vec<Shows>,
     points: Recording,
     groups: Vec<Group>,
-    /// The most points of the run that a group stands for. It doubles when too many points are kept.
+    /// Largest number of the run's points in a group. It doubles when too many points are stored.
     size: usize,
-    /// The most points that are kept.
+    /// Largest number of stored points.
     most: usize,
 }
 
-/// Neighbours: how many points are kept of them, and how many they are.
+/// A group of neighbours: number of stored points, and of all points.
 #[derive(Debug, Clone, Copy)]
 struct Group {
     kept: usize,
     of: usize,
 }
 
-/// What a curve, or a metric, shows of a row.
+/// Value of a curve or a metric in a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Shows {
     difference: Difference,
@@ -48,10 +48,10 @@ impl Shows {
 }
 
 impl Kept {
-    /// For what is drawn and measured of a loop with these signals.
+    /// Returns an empty store for the diagrams and metrics of a loop with these signals.
     ///
     /// # Errors
-    /// When a diagram names a signal that isn't there.
+    /// If a diagram names a signal that isn't there.
     pub fn new(structure: &Structure, signals: &Recording) -> Result<Self, String> {
         Self::with_most(structure, signals, VALUES)
     }
@@ -74,7 +74,7 @@ impl Kept {
     pub fn add(&mut self, points: &Recording) {
         let mut from = 0;
         while from < points.times.len() {
-            // A group that isn't full is filled up.
+            // An incomplete group is filled first.
             let room = self.groups.last().map_or(0, |last| self.size.saturating_sub(last.of));
             let to = (from + if room > 0 { room } else { self.size }).min(points.times.len());
             let start = *self.points.times.first().or(points.times.first()).unwrap_or(&0.0);
@@ -95,15 +95,16 @@ impl Kept {
         }
     }
 
-    /// The kept points, in the order of their times.
+    /// The stored points, in the order of their times.
     pub fn into_points(self) -> Recording {
         self.points
     }
 
-    /// Of neighbours, both ends, and for each curve where it is smallest and largest, and where it first isn't finite.
+    /// Both ends of a group, and for each curve the points where it is smallest and largest, and where it first isn't
+    /// finite.
     fn chosen(&self, points: &Recording, rows: Range<usize>, start: f64) -> Vec<usize> {
         let mut chosen = vec![rows.start, rows.end - 1];
-        // Of two, both are ends.
+        // Two points are both ends.
         for curve in self.curves.iter().filter(|_| rows.len() > 2) {
             let (mut low, mut high, mut gap) = ((f64::INFINITY, None), (f64::NEG_INFINITY, None), None);
             for row in rows.clone() {
@@ -126,8 +127,8 @@ impl Kept {
         chosen
     }
 
-    /// Merges neighbours, from a group on, where they have room in one. What is chosen of the points that both kept is what
-    /// would be chosen of all their points.
+    /// Merges neighbouring groups, from one on, if they fit into one. Choosing from their stored points gives the same
+    /// as choosing from all their points.
     fn merge(&mut self, first: usize) {
         let from: usize = self.groups[..first].iter().map(|group| group.kept).sum();
         let start = self.points.times[0];
@@ -151,7 +152,7 @@ impl Kept {
     }
 }
 
-/// What the diagrams of a loop show, and what its metrics are of, each once.
+/// Curves of a loop's diagrams and metrics, each once.
 fn curves(structure: &Structure, signals: &Recording) -> Result<Vec<Shows>, String> {
     let mut curves = Vec::new();
     let mut add = |of: &str, minus: Option<&str>, funnel, magnitude| {
@@ -164,7 +165,7 @@ fn curves(structure: &Structure, signals: &Recording) -> Result<Vec<Shows>, Stri
     for Shown { of, minus, magnitude, .. } in
         diagrams(structure, signals)?.into_iter().flat_map(|diagram| diagram.curves).map(|curve| curve.shown)
     {
-        // A funnel goes one way: the ends of groups are enough.
+        // A funnel is monotonic, so the ends of groups are enough.
         of.map_or(Ok(()), |of| add(&of, minus.as_deref(), None, magnitude))?;
     }
     for metric in &structure.metrics {
@@ -236,7 +237,7 @@ mod tests {
             let points = &kept.points;
             assert!(points.times.len() <= kept.most, "{case:?}: {} points", points.times.len());
             assert_eq!(kept.groups.iter().map(|group| group.of).sum::<usize>(), whole.times.len());
-            // Rows as they were recorded, of all signals, in their order, from the first to the last.
+            // All signals in recorded rows, in their order, from the first to the last.
             let rows: Vec<_> =
                 points.times.iter().map(|time| whole.times.binary_search_by(|t| t.total_cmp(time)).unwrap()).collect();
             assert!(

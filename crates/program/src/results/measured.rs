@@ -5,14 +5,14 @@
 pub struct Measured {
     /// Its name, with the unit of measurement.
     pub label: String,
-    /// Its value; none where no time was left to measure in.
+    /// Its value; none if the run ended before its time.
     pub value: Option<f64>,
-    /// The largest value that is as it should be.
+    /// The largest value that passes.
     pub limit: Option<f64>,
 }
 
 impl Measured {
-    /// True if it is within its limit; none where there is no limit, or no value yet.
+    /// True if it is within its limit; none if there is no limit or no value.
     pub fn holds(&self) -> Option<bool> {
         self.limit.zip(self.value).map(|(limit, value)| value <= limit)
     }

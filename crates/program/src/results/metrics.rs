@@ -9,7 +9,7 @@ use crate::structure::{Metric, PerformanceFunction, Statistic, Structure};
 /// Adds the ideal models to a recording, then measures.
 ///
 /// # Errors
-/// When a metric or a model names a signal that isn't there.
+/// If a metric or a model names a signal that isn't there.
 pub fn measure(structure: &Structure, recording: &mut Recording) -> Result<Vec<Measured>, String> {
     let mut meter = Meter::new(structure, recording)?;
     meter.add(recording);
@@ -22,15 +22,15 @@ pub struct Meter {
     ideals: Ideals,
     gauges: Vec<Gauge>,
     steps: Steps,
-    /// When the run starts, s.
+    /// Start of the run, s.
     start: Option<f64>,
 }
 
 impl Meter {
-    /// For a run with these signals. The recording gets the names of the ideal models.
+    /// Returns a meter for a run with these signals. The recording gets the names of the ideal models.
     ///
     /// # Errors
-    /// When a metric or a model names a signal that isn't there.
+    /// If a metric or a model names a signal that isn't there.
     pub fn new(structure: &Structure, recording: &mut Recording) -> Result<Self, String> {
         let ideals = Ideals::new(&structure.models, recording)?;
         let gauge = |metric| Gauge::new(metric, &recording.names);
@@ -38,7 +38,7 @@ impl Meter {
         Ok(Meter { ideals, gauges, steps: Steps::new(structure, recording), start: None })
     }
 
-    /// The labels of all metrics that there may be: some only where a reference steps.
+    /// The labels of all possible metrics, some of which exist only if a reference steps.
     pub fn labels(&self) -> Vec<String> {
         self.gauges.iter().map(|gauge| gauge.metric.label.clone()).chain(self.steps.labels()).collect()
     }
@@ -59,7 +59,7 @@ impl Meter {
     }
 }
 
-/// A signal, or how far it is from another one; in parts of a funnel, where there is one.
+/// A signal, or its difference from another one, relative to a funnel if there is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Difference {
     of: usize,
@@ -68,10 +68,10 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// By the names of the signals.
+    /// Returns the difference of signals with these names.
     ///
     /// # Errors
-    /// When one isn't there.
+    /// If one isn't there.
     pub fn new(
         names: &[String],
         of: &str,
@@ -87,7 +87,7 @@ impl Difference {
         self.of(|place| points.columns[place][row], points.times[row] - start)
     }
 
-    /// Its value of those at places of the signals, so many seconds after the start.
+    /// Its value from the signals' values by their places, `since` seconds after the start.
     pub fn of(&self, value: impl Fn(usize) -> f64, since: f64) -> f64 {
         let size = self.funnel.map_or(1.0, |funnel| funnel.at(since));
         (value(self.of) - self.minus.map_or(0.0, &value)) / size

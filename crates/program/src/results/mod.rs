@@ -1,4 +1,4 @@
-//! Results of runs: metrics, tables, pages and how a run came to its numbers, as they are written and read again.
+//! Results of runs: metrics, tables, pages and provenance, as they are written and read again.
 
 mod comparison;
 mod ideal;

@@ -1,4 +1,4 @@
-//! Several runs at a glance: a verdict and a row each.
+//! Overview of several runs: a verdict and a row for each.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -6,29 +6,29 @@ use std::time::Duration;
 use super::measured::{Measured, four_digits};
 use super::report::{Ending, Report};
 
-/// Widest line of the table, in characters; what goes beyond it is continued below.
+/// Largest width of the table, in characters; longer rows continue below.
 const WIDTH: usize = 120;
 
-/// How a run is judged; the later, the worse.
+/// Verdict on a run, from the best to the worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// It ended as it should, no metric beyond its limit.
+    /// It ended as expected, with no metric beyond its limit.
     Holds,
-    /// A metric is beyond its limit, or a failure that the loop is there to show did not come.
+    /// A metric is beyond its limit, or an expected failure did not occur.
     Beyond,
-    /// A unit failed, or the loop could not be run at all.
+    /// An FMU failed, or the loop could not be run at all.
     Failed,
     /// The user ended it.
     Interrupted,
 }
 
 impl Verdict {
-    /// In a word or two, as it is printed.
+    /// Text as it is printed.
     pub fn text(self) -> &'static str {
         if self == Verdict::Holds { "passes" } else { self.word() }
     }
 
-    /// The same in JSON, where scripts read it.
+    /// Value in JSON, for scripts.
     pub fn word(self) -> &'static str {
         match self {
             Verdict::Holds => "holds",
@@ -40,7 +40,7 @@ impl Verdict {
 }
 
 impl Report<'_> {
-    /// How the run is judged.
+    /// The verdict on the run.
     pub fn verdict(&self) -> Verdict {
         let expected = self.structure.expected_failure;
         match self.ending {
@@ -61,21 +61,21 @@ impl Report<'_> {
 pub struct Row {
     /// The loop.
     pub name: String,
-    /// How it is judged.
+    /// The verdict on it.
     pub verdict: Verdict,
-    /// How long the simulation took; none where it did not begin.
+    /// Computing time of the simulation; none if it did not begin.
     pub took: Option<Duration>,
-    /// What is told of it, piece by piece.
+    /// Metrics and notes, piece by piece.
     pub pieces: Vec<String>,
 }
 
 impl Row {
-    /// The row of a run that took some time.
+    /// The row of a run with its computing time.
     pub fn new(name: &str, report: &Report, took: Duration) -> Self {
         let (end, verdict) = (report.end(), report.verdict());
         let pieces = match report.ending {
             Ending::Failed(_) if verdict == Verdict::Holds => vec![format!("failed at t = {end} s, as expected")],
-            // Metrics of a loop that is lost, or of a part of a run, say nothing.
+            // Metrics of a failed or incomplete run have no meaning.
             Ending::Failed(_) => vec![format!("failed at t = {end} s")],
             Ending::Interrupted => vec![format!("at t = {end} s")],
             Ending::Complete => complete(report),
@@ -89,11 +89,11 @@ impl Row {
     }
 }
 
-/// What is told of a run that came to its end.
+/// Metrics and notes of a complete run.
 fn complete(report: &Report) -> Vec<String> {
     let expected = report.structure.expected_failure.filter(|expected| expected.until < report.end());
     let failure = expected.map(|expected| format!("should have failed by t = {} s", expected.until));
-    // Those of steps would fill the table.
+    // Metrics of step responses would fill the table.
     let own = report.measured.iter().take(report.structure.metrics.len());
     failure.into_iter().chain(own.map(piece)).collect()
 }
@@ -109,7 +109,7 @@ fn piece(metric: &Measured) -> String {
     format!("{label} {}{limit}", metric.value.map_or("–".to_owned(), four_digits))
 }
 
-/// The runs as a table, a row each, and what they come to.
+/// The runs as a table with a row for each, and a summary.
 pub fn table(rows: &[Row]) -> String {
     let widest = rows.iter().map(|row| row.name.chars().count()).max().unwrap_or_default().max(4);
     let mut table = format!("{:widest$}  {:12} {:>8}  measured ≤ limit\n", "loop", "", "took");

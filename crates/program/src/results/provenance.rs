@@ -1,4 +1,4 @@
-//! How a run came to its numbers: enough to run it again, and to notice what has changed since.
+//! Provenance of results: enough to repeat a run, and to notice changes since then.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -14,42 +14,42 @@ use crate::simulation::{LoadedLoop, LoadedUnit};
 use crate::structure::ABOUT_STEPS;
 use crate::{SOURCE, library};
 
-/// Number of the form in which results are written; it grows when the meaning of something in them changes.
+/// Version of the format of results, which increases if the meaning of something in them changes.
 pub const FORMAT: u32 = 1;
 
-/// How a run came to its numbers.
+/// Provenance of a run's results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// What made it.
+    /// Versions of the program and its library.
     pub versions: Versions,
     /// The loop as the user named it, and the checksum of its structure, parameter sets and descriptions.
     pub source: Mark,
-    /// How it was run.
+    /// Settings of the run.
     pub settings: Asked,
-    /// Its units by their names.
+    /// Its components by their names.
     pub units: BTreeMap<String, UnitMark>,
 }
 
-/// Versions of what made results.
+/// Versions of the software that computed results.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Versions {
     /// The program's version.
     pub program: String,
     /// The checksum of the sources of its library.
     pub sources: String,
-    /// The form of the results.
+    /// Version of the results' format.
     pub format: u32,
 }
 
 impl Versions {
-    /// Those of this program.
+    /// Versions of this program.
     pub fn own() -> Self {
         let (program, sources) = (env!("CARGO_PKG_VERSION").to_owned(), format!("{}-{SOURCE}", library::SOURCE));
         Versions { program, sources, format: FORMAT }
     }
 }
 
-/// A file, and the checksum of what it holds.
+/// A file and the checksum of its content.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mark {
     /// Its name, as the user gave it.
@@ -59,16 +59,16 @@ pub struct Mark {
 }
 
 impl Mark {
-    /// Of a file as it is.
+    /// Returns the mark of a file as it is now.
     ///
     /// # Errors
-    /// When it can't be read.
+    /// If it can't be read.
     pub fn of(file: &Path) -> Result<Self, Error> {
         Ok(Mark { name: file.to_owned(), checksum: checksum_of_file(file)? })
     }
 }
 
-/// What the user asked for, with the loop's own settings where nothing was asked.
+/// Settings by the user, completed by the loop's own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Asked {
     /// Start time, s.
@@ -77,28 +77,28 @@ pub struct Asked {
     pub stop_time: f64,
     /// Communication step, s.
     pub step: f64,
-    /// Order of the units; none where they are one.
+    /// Order of stepping; none for a composite.
     pub order: Option<String>,
-    /// True if the loop is run as one unit.
+    /// True if the loop is run as a single FMU.
     pub composite: bool,
-    /// True if circles without a delay are run.
+    /// True if algebraic loops are accepted.
     pub accept_algebraic_loops: bool,
     /// Parameter sets, in the order in which they apply.
     pub cases: Vec<Mark>,
-    /// Single values, `unit.variable=value`.
+    /// Single values, `component.variable=value`.
     pub set: Vec<String>,
-    /// Events, `time: unit.variable=value`.
+    /// Events, `time: component.variable=value`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<String>,
     /// Folder of FMUs that are used as they are.
     pub fmus: Option<PathBuf>,
-    /// True if units of other tools run in the program's process.
+    /// True if FMUs of other tools run in the program's process.
     pub in_process: bool,
-    /// Longest time that a call of another tool's unit may take, s.
+    /// Longest time of a call of another tool's FMU, s.
     pub patience: f64,
 }
 
-/// A unit in a run.
+/// A component in a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct UnitMark {
     /// Name of its FMU.
@@ -109,27 +109,27 @@ pub struct UnitMark {
     pub file: Option<Mark>,
     /// Start values that differ from the FMU's own.
     pub parameters: BTreeMap<String, Value>,
-    /// How it is integrated, of a unit of this package.
+    /// Settings of the integration, for an FMU of this package.
     pub integration: BTreeMap<String, Value>,
-    /// How its equations are evaluated, of a unit of this package: the numbers are the same.
+    /// Evaluation of the equations, for an FMU of this package. It doesn't change results.
     #[serde(default)]
     pub evaluated: Option<String>,
 }
 
 impl UnitMark {
-    /// Tells how the equations of units are evaluated, as far as it is known by now.
+    /// Updates how the equations of components are evaluated, as far as it is known by now.
     pub fn tell_evaluated(marks: &mut BTreeMap<String, Self>, loaded: &LoadedLoop) {
         for unit in loaded.units() {
             marks.entry(unit.name.clone()).and_modify(|mark| mark.evaluated = unit.fmu.evaluated());
         }
     }
 
-    /// The marks of all units by their names; a function says of which the archives were used as they are.
+    /// The marks of all components by their names. `is_elsewhere` is true for those whose archives were used directly.
     ///
     /// # Errors
-    /// When an archive can't be read any more.
+    /// If an archive can't be read any more.
     pub fn all(loaded: &LoadedLoop, is_elsewhere: impl Fn(&str) -> bool) -> Result<BTreeMap<String, Self>, Error> {
-        // However many units are of an archive, it is read once.
+        // An archive of several components is read once.
         let mut known: HashMap<&Path, Mark> = HashMap::new();
         let mut marked = BTreeMap::new();
         for unit in loaded.units() {
@@ -143,7 +143,7 @@ impl UnitMark {
         Ok(marked)
     }
 
-    /// The mark of a unit, with its archive, where that is used as it is.
+    /// The mark of a component, with its archive if that is used as it is.
     fn of(unit: &LoadedUnit, file: Option<Mark>) -> Self {
         let ModelDescription { name, guid, variables, .. } = &unit.fmu.description;
         let differs = |(place, value): &&(usize, fmu::Value)| own_start(&variables[*place]).as_ref() != Some(value);
@@ -164,7 +164,7 @@ impl UnitMark {
     }
 }
 
-/// A value as results tell it: an enumeration's by the name of the item.
+/// A value as results show it: an enumeration's is the name of the item.
 fn told(value: &fmu::Value, variable: &Variable) -> Value {
     match value {
         fmu::Value::Real(number) => (*number).into(),
@@ -178,7 +178,7 @@ fn told(value: &fmu::Value, variable: &Variable) -> Value {
 }
 
 impl Provenance {
-    /// What differs from an earlier run, in words. How equations are evaluated is no matter of results.
+    /// Differences from an earlier run, as text. Evaluation of equations is left out, since it doesn't change results.
     pub fn differences(&self, earlier: &Self) -> Vec<String> {
         let told = |it: &Self| {
             let mut it = it.clone();

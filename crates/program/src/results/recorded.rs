@@ -1,4 +1,4 @@
-//! Results of an earlier run, read from its folder: what a comparison needs, and what the run can be repeated with.
+//! Results of an earlier run, read from its folder, for comparisons and to repeat the run.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -17,12 +17,12 @@ use crate::simulation::Recording;
 use crate::structure::{Metric, PerformanceFunction, Settings, Statistic, Structure};
 use crate::text_file::{self, csv_fields};
 
-/// Name of the metrics of a run, and of how it came to them.
+/// File name of a run's metrics and provenance.
 pub const METRICS: &str = "metrics.json";
-/// What the metrics tell, below `written`, of the files of the table.
+/// Key below `written` in the metrics: the files of the table.
 pub const FILES: &str = "files";
 
-/// A signal that a metric is about.
+/// Subject of a metric.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct About {
     label: String,
@@ -56,13 +56,13 @@ pub fn told(report: &Report, provenance: Option<&Provenance>, written: &Value) -
 /// Results of an earlier run.
 #[derive(Debug)]
 pub struct Recorded {
-    /// Where they are.
+    /// Their folder.
     pub folder: PathBuf,
-    /// How the run came to its numbers.
+    /// Provenance of the results.
     pub provenance: Provenance,
-    /// How its tables were written.
+    /// Settings of its tables.
     pub written: Value,
-    /// How it ended.
+    /// Its ending.
     pub ended: String,
     told: Value,
 }
@@ -73,10 +73,10 @@ impl Recorded {
         begun::path(&folder.join(METRICS)).is_file()
     }
 
-    /// Reads what is told of a run.
+    /// Reads the metrics and the provenance of a run.
     ///
     /// # Errors
-    /// When the folder holds no results, or those of a version that told too little or more than this one knows.
+    /// If the folder has no results, or those of a version that this one can't read.
     pub fn read(folder: &Path) -> Result<Self, Error> {
         let file = folder.join(METRICS);
         let refuse = |reason: String| Error::Loop { file: file.clone(), reason };
@@ -96,11 +96,11 @@ impl Recorded {
         Ok(Recorded { folder: folder.to_owned(), provenance, written, ended, told })
     }
 
-    /// Checks the files of its table against what the run noted of them. False where it noted nothing, as version 0.1: then
-    /// damage isn't seen.
+    /// Checks the files of its table against the marks that the run noted. Returns false if there are none, as from
+    /// version 0.1: then changes can't be detected.
     ///
     /// # Errors
-    /// When one isn't as the run wrote it.
+    /// If one was changed after the run.
     pub fn check(&self) -> Result<bool, Error> {
         let file = self.folder.join(METRICS);
         let marks = Option::<TableMarks>::deserialize(&self.written[FILES]);
@@ -108,7 +108,7 @@ impl Recorded {
         let Some(marks) = marks.map_err(wrong)? else { return Ok(false) };
         for (name, mark) in [TABLE, PARQUET].into_iter().filter_map(|name| Some((name, marks.get(name)?))) {
             let file = self.folder.join(name);
-            // Nothing is read from the second form of the table.
+            // The Parquet table may be missing, since nothing is read from it.
             if name == PARQUET && !begun::path(&file).exists() {
                 continue;
             }
@@ -123,10 +123,10 @@ impl Recorded {
         Ok(true)
     }
 
-    /// The run as a comparison shows it. Its points are those of its table.
+    /// The run for a comparison, with the points of its table.
     ///
     /// # Errors
-    /// When the table can't be read, or doesn't fit what is told of the run.
+    /// If the table can't be read, or doesn't fit the metrics.
     pub fn run(&self) -> Result<RecordedRun, Error> {
         let file = self.folder.join(METRICS);
         let wrong =
@@ -153,12 +153,12 @@ impl Recorded {
         Ok(RecordedRun { structure, settings, whole: asked.composite, recording, measured, ending })
     }
 
-    /// The table. Files of other programs are refused at the first line that doesn't fit.
+    /// Reads the table. Files of other programs are refused at the first line that doesn't fit.
     fn table(&self, signals: Vec<(String, String)>) -> Result<Recording, Error> {
         let file = self.folder.join(TABLE);
         let refuse =
             |line: usize, reason: &str| Error::Loop { file: file.clone(), reason: format!("line {line}: {reason}") };
-        // A long run has a long table.
+        // The size isn't limited, since a long run has a long table.
         let text = std::fs::read_to_string(begun::path(&file)).map_err(Error::file(&file))?;
         let mut lines = text.lines();
         let (names, measures): (Vec<_>, Vec<_>) = signals.into_iter().unzip();
@@ -184,7 +184,7 @@ impl Recorded {
     }
 }
 
-/// The rows of a table behind its line of names, each of which ends with the end of a line.
+/// Number of complete rows of a table after its line of names.
 fn rows(file: &Path) -> Result<u64, Error> {
     let mut opened = BufReader::new(text_file::open(&begun::path(file)).map_err(Error::file(file))?);
     let mut lines = 0;

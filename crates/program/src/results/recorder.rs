@@ -1,5 +1,5 @@
-//! What takes the points of a run. Those of one that is too long for the memory are handed on while it goes on: its table is
-//! written, its metrics are measured, and of its points only those are kept that are drawn.
+//! Recorders of a run's points. If a run is too long for the memory, its points are processed during the run: the
+//! table is written, metrics are measured, and only points for diagrams are stored.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,52 +14,52 @@ use crate::output::Files;
 use crate::simulation::Recording;
 use crate::structure::{Settings, Structure};
 
-/// The most values of a run that is kept in memory, times included: 64 MB. Every loop of this package has fewer.
+/// Largest number of values of a run in memory, including times: 64 MB. Every loop of this package has fewer.
 const KEPT: usize = 1 << 23;
-/// The points of a longer one are handed on whenever there are so many values: 16 MB.
+/// Number of values after which the points of a longer run are processed: 16 MB.
 const BLOCK: usize = 1 << 21;
 
-/// How and where the table of a long run is written.
+/// Place and settings of the table of a long run.
 #[derive(Debug, Clone, Copy)]
 pub struct TablePlace<'a> {
     /// The folder that the user named.
     pub out: &'a Path,
     /// The one of the run, below it.
     pub below: &'a str,
-    /// How far rows lie apart, s; none where all points are rows.
+    /// Interval of rows, s; none if all points are rows.
     pub every: Option<f64>,
-    /// True if it is written as Apache Parquet, too.
+    /// True if it is also written as Apache Parquet.
     pub parquet: bool,
 }
 
-/// What takes the points of a run.
+/// Recorder of a run's points.
 #[derive(Debug)]
 pub struct Recorder<'a> {
     structure: &'a Structure,
-    /// Where the table of a long run is written; none of a run that is kept.
+    /// Place of the table of a long run; none if the run fits into memory.
     place: Option<TablePlace<'a>>,
     begun: Option<Begun>,
     failure: Option<Error>,
     took: Duration,
 }
 
-/// What is left of a run beside its recording.
+/// Results of a run in addition to its recording.
 #[derive(Debug)]
 pub struct Ended {
     /// Its metrics.
     pub measured: Vec<Measured>,
-    /// Which of its points were left out of the recording; none where it has all of them.
+    /// Thinning of the recording; none if it has all points.
     pub thinned: Option<Thinned>,
-    /// Its table, where points were left out.
+    /// Its table, if the recording is thinned.
     pub table: Option<Tabled>,
 }
 
-/// A table that is written.
+/// A written table.
 #[derive(Debug)]
 pub struct Tabled {
     /// Its files, not yet in their places.
     pub files: Files,
-    /// What they hold.
+    /// Their numbers of rows and checksums.
     pub marks: TableMarks,
 }
 
@@ -73,18 +73,18 @@ struct Begun {
 }
 
 impl<'a> Recorder<'a> {
-    /// For a run of a loop with so many signals. Without a place for its table, all its points are kept.
+    /// Returns a recorder for a run with a number of signals. Without a place for the table, it stores all points.
     pub fn new(structure: &'a Structure, settings: Settings, signals: usize, place: Option<TablePlace<'a>>) -> Self {
         let place = place.filter(|_| is_long(settings, signals));
         Recorder { structure, place, begun: None, failure: None, took: Duration::ZERO }
     }
 
-    /// The number of values from which on it takes them.
+    /// The number of values after which it takes them.
     pub fn block(&self) -> usize {
         self.place.map_or(usize::MAX, |_| BLOCK)
     }
 
-    /// Takes the points of a recording, and leaves none. Where that can't be done it answers false, and the run may end.
+    /// Takes all points of a recording. Returns false if that fails, so that the run can end.
     pub fn take(&mut self, block: &mut Recording) -> bool {
         let begun = Instant::now();
         if let Some(place) = self.place {
@@ -94,16 +94,16 @@ impl<'a> Recorder<'a> {
         self.failure.is_none()
     }
 
-    /// How long what was taken has taken.
+    /// Computing time of all calls of `take`.
     pub fn took(&self) -> Duration {
         self.took
     }
 
-    /// Takes the last points of a recording, and leaves those that are drawn. One of which nothing was taken keeps its points,
-    /// and nothing is written.
+    /// Takes the last points of a recording, and leaves those for diagrams. If no points were taken before, the
+    /// recording stays complete and nothing is written.
     ///
     /// # Errors
-    /// When the table can't be written, or a metric, a model or a diagram names a signal that isn't there.
+    /// If the table can't be written, or a metric, a model or a diagram names a signal that isn't there.
     pub fn end(mut self, recording: &mut Recording) -> Result<Ended, Error> {
         if let Some(failure) = self.failure.take() {
             return Err(failure);
@@ -147,14 +147,14 @@ impl<'a> Recorder<'a> {
         Ok(Begun { files, table, meter, kept, points: 0 })
     }
 
-    /// Names the loop in what is wrong with it.
+    /// Converts a reason to an error that names the loop.
     fn wrong(&self) -> impl FnOnce(String) -> Error + use<> {
         let file = self.structure.file.clone();
         move |reason| Error::Loop { file, reason }
     }
 }
 
-/// True if a run with so many signals, if it comes to its end, is too long to be kept in memory.
+/// True if a complete run with a number of signals is too long for the memory.
 fn is_long(settings: Settings, signals: usize) -> bool {
     (settings.steps() + 1).saturating_mul(signals + 1) > KEPT
 }
@@ -200,7 +200,7 @@ mod tests {
         structure
     }
 
-    /// A recording of so many points, the last step shorter than the others.
+    /// A recording of `count` points, the last step shorter than the others.
     fn recording(count: u32) -> Recording {
         let time = |k| 1.0 + (f64::from(k) - if k + 1 == count { 0.3 } else { 0.0 }) * 1e-3;
         let times: Vec<f64> = (0..count).map(time).collect();
@@ -215,7 +215,7 @@ mod tests {
         Recorder::new(structure, settings, 2, Some(place))
     }
 
-    /// What comes of a recording whose points are taken whenever it has so many values.
+    /// Results of a recording whose points are taken whenever it has a number of values.
     fn in_blocks(of: &Recording, out: &Path, every: Option<f64>, values: usize) -> (Recording, Ended) {
         let structure = structure();
         let mut recorder = recorder(&structure, TablePlace { out, below: "loop", every, parquet: true });
@@ -289,7 +289,7 @@ mod tests {
         assert!(kept.times == of.times && kept.columns[..2] == of.columns && kept.names.len() == 4);
         assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
         assert!(in_blocks(&of, folder.path(), None, 2997).1.table.is_some());
-        // What isn't put into its place leaves nothing but the folder for it.
+        // Files that are not moved to their places leave only the folder for them.
         assert!(fs::read_dir(folder.path().join("loop")).unwrap().next().is_none());
     }
 

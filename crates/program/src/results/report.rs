@@ -9,19 +9,19 @@ use crate::figures::{Diagram, beginning, diagrams, ending, push_diagrams};
 use crate::simulation::Recording;
 use crate::structure::{Settings, Structure};
 
-/// How a run ended.
+/// Ending of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ending {
-    /// At its stop time.
+    /// It reached its stop time.
     Complete,
-    /// Before it, because the user asked for it.
+    /// The user interrupted it.
     Interrupted,
-    /// Before it, because a unit failed: what it told.
+    /// An FMU failed, with the reason.
     Failed(String),
 }
 
 impl Ending {
-    /// In a word.
+    /// Value in JSON, for scripts.
     pub fn word(&self) -> &'static str {
         match self {
             Ending::Complete => "complete",
@@ -36,26 +36,26 @@ impl Ending {
 pub struct Report<'a> {
     /// The loop.
     pub structure: &'a Structure,
-    /// How it was run.
+    /// Settings of the run.
     pub settings: Settings,
-    /// True if it was run as one unit: then there is no order of units.
+    /// True if it was run as a single FMU, without an order of components.
     pub whole: bool,
-    /// What was recorded, ideal models included.
+    /// The recording, including ideal models.
     pub recording: &'a Recording,
     /// Its metrics.
     pub measured: &'a [Measured],
-    /// How it ended.
+    /// Its ending.
     pub ending: &'a Ending,
-    /// Which points were left out of the recording; none where it has all of them.
+    /// Thinning of the recording; none if it has all points.
     pub thinned: Option<Thinned>,
 }
 
-/// A run of whose points some are kept for its diagrams, while all are measured.
+/// Thinning of a run: its diagrams use only some points, its metrics all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thinned {
     /// Number of all its points.
     pub of: usize,
-    /// How far the rows of its table lie apart, s; none where all points are rows.
+    /// Interval of its table's rows, s; none if all points are rows.
     pub every: Option<f64>,
 }
 
@@ -66,7 +66,7 @@ impl Report<'_> {
         (end * 1e9).round() / 1e9
     }
 
-    /// What is to be said of a run that did not come to its end; none of a complete one.
+    /// Text on how an incomplete run ended; none for a complete one.
     pub fn shortfall(&self) -> Option<String> {
         let (end, stop) = (self.end(), self.settings.stop_time);
         match self.ending {
@@ -95,7 +95,7 @@ impl Report<'_> {
     /// The diagrams of the run: those that its loop plots, and errors in their funnels.
     ///
     /// # Errors
-    /// When one names a signal that isn't there.
+    /// If one names a signal that isn't there.
     pub fn diagrams(&self) -> Result<Vec<Diagram<'_>>, String> {
         diagrams(self.structure, self.recording)
     }

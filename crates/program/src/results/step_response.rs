@@ -1,15 +1,15 @@
-//! Figures of a step response, measured point by point: its points need not be stored.
+//! Figures of a step response, measured point by point without storing the points.
 
-/// A response has settled within this part of the step about its end.
+/// Half-width of the settling band about the end, relative to the step.
 const SETTLED: f64 = 0.02;
-/// A response that leaves that band later than at this part of its time hasn't settled.
+/// Latest time of leaving that band, relative to the duration; if it leaves later, it hasn't settled.
 const RESTING: f64 = 0.9;
-/// What rounding leaves beyond a reference is no overshoot.
+/// Largest excess over the reference that counts as rounding, not as overshoot.
 const ROUNDING: f64 = 1e-6;
-/// The most records of one kind; of more, every other one goes.
+/// Largest number of records of one kind; of more, every other one is dropped.
 const MOST_RECORDS: usize = 1 << 16;
 
-/// A signal that is to go from one value to another.
+/// A signal that should go from one value to another.
 #[derive(Debug)]
 pub struct StepResponse {
     from: f64,
@@ -22,16 +22,16 @@ pub struct StepResponse {
     below: Records,
 }
 
-/// Figures of a step response, in parts of the step.
+/// Figures of a step response, relative to the step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepFigures {
-    /// From 10 % to 90 % of the way to its end, s; `None` where it doesn't go there.
+    /// Rise time from 10 % to 90 % of the way to its end, s; `None` if it doesn't go there.
     pub rise: Option<f64>,
-    /// When it stays within 2 % of the step about its end, s after the step; `None` where it still moves at the end.
+    /// Settling time to within 2 % of the step about its end, s; `None` if it still moves at the end.
     pub settling: Option<f64>,
-    /// Distance that it goes beyond the reference.
+    /// Overshoot beyond the reference.
     pub overshoot: f64,
-    /// Its end: 1 at the reference.
+    /// Final value: 1 at the reference.
     pub end: f64,
 }
 
@@ -48,7 +48,7 @@ impl StepResponse {
         self.is_finite &= point.value.is_finite();
         let before = self.last.replace(point).unwrap_or(point);
         self.rising.add_if_higher(point, before);
-        // What comes last is the end, not a point that is left.
+        // The last point is the end, not a point that leaves the band.
         self.above.add_above_what_follows(before, point);
         self.below.add_above_what_follows(before.turned(), point.turned());
     }
@@ -84,7 +84,7 @@ impl Point {
     }
 }
 
-/// Points that are higher than all before, or than all after, each with its neighbour on the lower side.
+/// Points that are higher than all before, or than all after, each with its neighbour on that side.
 #[derive(Debug, Default)]
 struct Records(Vec<Record>);
 
@@ -117,13 +117,13 @@ impl Records {
         self.0.push(record);
     }
 
-    /// When a level was first reached, of records that rise.
+    /// Time at which rising records first reach a level.
     fn first_at(&self, level: f64) -> Option<f64> {
         let place = self.0.partition_point(|record| record.at.value < level);
         self.0.get(place).map(|record| record.crossing(level))
     }
 
-    /// When a level was last left, of records that fall.
+    /// Time at which falling records last leave a level.
     fn last_above(&self, level: f64) -> Option<f64> {
         let place = self.0.partition_point(|record| record.at.value > level);
         place.checked_sub(1).map(|place| self.0[place].crossing(level))
@@ -131,7 +131,7 @@ impl Records {
 }
 
 impl Record {
-    /// When the line to its neighbour crosses a level; its own time where it doesn't.
+    /// Time at which the line to its neighbour crosses a level; its own time if it doesn't.
     fn crossing(&self, level: f64) -> f64 {
         let Record { at, other } = self;
         let part = (at.value - level) / (at.value - other.value);

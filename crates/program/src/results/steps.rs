@@ -1,17 +1,17 @@
-//! Metrics of a loop whose references step: how its signals follow, and what that takes of its controls.
+//! Metrics of a loop whose references step: tracking by its signals, and effort of its controls.
 
 use super::measured::Measured;
 use super::step_response::{StepFigures, StepResponse};
 use crate::simulation::Recording;
 use crate::structure::Structure;
 
-/// At the start, a signal nearer to its reference than this part of that makes no step.
+/// Smallest initial difference from the reference that counts as a step, relative to the reference.
 const NEAR: f64 = 0.1;
-/// What a reference changes by in parts of it, at least.
+/// Smallest relative change of a reference; smaller ones are rounding.
 const ROUNDING: f64 = 1e-9;
-/// Points of a response that is judged, at least.
+/// Smallest number of points of a response that is judged.
 const LEAST_POINTS: usize = 3;
-/// Output of a controller: how long a control has been at its limit.
+/// Output of a controller: time for which a control has been at its limit.
 const AT_LIMIT: &str = "time_at_limit";
 
 /// Measures the steps of a run.
@@ -23,7 +23,7 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// For what follows references in a loop, among the signals that are recorded.
+    /// Returns the measurement for recorded signals that follow references.
     pub fn new(structure: &Structure, recording: &Recording) -> Self {
         let place = |name: &str| recording.names.iter().position(|known| known == name);
         let unit = |column: usize| recording.measures.get(column).map_or("", String::as_str);
@@ -67,14 +67,14 @@ impl Steps {
         }
     }
 
-    /// The labels of all metrics that there may be, before it is known which references step.
+    /// The labels of all possible metrics, before it is known which references step.
     pub fn labels(&self) -> impl Iterator<Item = String> {
         let metrics = self.followers.iter().flat_map(Follower::metrics);
         let metrics = metrics.chain(self.controls.iter().flat_map(Control::metrics));
         metrics.chain(self.controllers.iter().map(Controller::metric)).map(|metric| metric.label)
     }
 
-    /// The metrics of references that stepped. A figure that there isn't, as of a signal that doesn't settle, has no value.
+    /// The metrics of references that stepped. A figure has no value if it doesn't exist, for example without settling.
     pub fn measured(mut self) -> Vec<Measured> {
         self.followers.iter_mut().for_each(Follower::end);
         let steps = |owners: &[usize]| owners.iter().any(|owner| self.followers[*owner].steps());
@@ -100,17 +100,17 @@ struct Follower {
     last: Option<(f64, [f64; 2])>,
     /// True if the reference changed at the last point.
     has_changed: bool,
-    /// True if the reference changes from point to point: then it doesn't step.
+    /// True if the reference changes from point to point, so that it doesn't step.
     moves: bool,
     /// The current step, its size, and number of points since.
     current: Option<(StepResponse, f64, usize)>,
-    /// The worst of the steps before it.
+    /// The worst figures of the steps before it.
     worst: Option<Worst>,
     /// Integral of the error's magnitude.
     iae: f64,
 }
 
-/// The worst figures of several steps; the largest error at the end of a step in the signal's unit.
+/// The worst figures of several steps, and the largest final error in the signal's unit.
 #[derive(Debug, Clone, Copy)]
 struct Worst {
     figures: StepFigures,
@@ -153,7 +153,7 @@ impl Follower {
         self.current = Some((StepResponse::new(from, to - from, time), to - from, 0));
     }
 
-    /// The end of a step: with the next one, or with the run.
+    /// Ends a step, at the next one or with the run.
     fn end(&mut self) {
         let Some((response, size, points)) = self.current.take() else { return };
         if let Some(figures) = response.figures().filter(|_| points >= LEAST_POINTS) {
@@ -196,15 +196,15 @@ impl Worst {
     }
 }
 
-/// What a controller hands on.
+/// Output of a controller to other components.
 #[derive(Debug)]
 struct Control {
     name: String,
     unit: String,
     column: usize,
-    /// Places of the signals that follow by it.
+    /// Places of the signals that it controls.
     owners: Vec<usize>,
-    /// True if the loop has no metric of its own that is the peak.
+    /// True if the loop doesn't have its own metric of the peak.
     has_peak: bool,
     last: Option<f64>,
     variation: f64,

@@ -1,4 +1,4 @@
-//! The table of a run, with all points or some, as files that are written while the run goes on.
+//! The table of a run, with all points or some, in files that are written during the run.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -15,18 +15,18 @@ use crate::text_file::csv_field;
 
 /// Name of the table.
 pub const TABLE: &str = "result.csv";
-/// The table as Apache Parquet, where that is asked for.
+/// Name of the table as Apache Parquet, if requested.
 pub const PARQUET: &str = "result.parquet";
 
-/// Times this close to each other, in parts of the distance of rows, are the same.
+/// Largest difference of equal times, relative to the interval of rows.
 const SAME: f64 = 1e-6;
-/// So many bytes of text are written at once.
+/// Number of bytes of text per write.
 const AT_ONCE: usize = 1 << 16;
 
-/// What a file of a table holds, by which damage is noticed.
+/// Mark of a table's file, to detect changes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TableMark {
-    /// How many rows.
+    /// Number of rows.
     pub rows: u64,
     /// SHA-256.
     pub checksum: String,
@@ -39,7 +39,7 @@ pub type TableMarks = BTreeMap<String, TableMark>;
 #[derive(Debug)]
 pub struct Table {
     rows: Rows,
-    /// How many were written.
+    /// Number of written rows.
     count: u64,
     csv: Summed<Part>,
     parquet: Option<Parquet>,
@@ -53,12 +53,12 @@ struct Parquet {
 }
 
 impl Table {
-    /// Begins the table of a recording's signals: comma-separated values with a line of names first, and Apache Parquet where
-    /// that is asked for. Its rows are all points; or the first, the last, and at each multiple of `every` seconds from the
-    /// first on the point there, else the next one after it.
+    /// Begins the table of a recording's signals: comma-separated values after a line of names, and Apache Parquet if
+    /// requested. Its rows are all points; or the first, the last, and for each multiple of `every` seconds after the
+    /// first the point at that time, else the next one.
     ///
     /// # Errors
-    /// When a file can't be written.
+    /// If a file can't be written.
     pub fn begin(files: &Files, recording: &Recording, every: Option<f64>, parquet: bool) -> Result<Self, Error> {
         let mut csv = Summed::new(files.begin(TABLE)?);
         let names: Vec<_> = recording.names.iter().map(|name| csv_field(name)).collect();
@@ -67,10 +67,10 @@ impl Table {
         Ok(Table { rows: Rows::new(every), count: 0, csv, parquet })
     }
 
-    /// Writes the rows among further points, with the last of them where no more follow.
+    /// Writes the rows among further points, including the last of them if none follow.
     ///
     /// # Errors
-    /// When a file can't be written.
+    /// If a file can't be written.
     pub fn add(&mut self, points: &Recording, ends: bool) -> Result<(), Error> {
         let rows = self.rows.among(&points.times, ends);
         self.count += rows.len() as u64;
@@ -81,10 +81,10 @@ impl Table {
         }
     }
 
-    /// Adds the files to those that are put into their places; what they hold.
+    /// Adds the files to those that will be moved to their places. Returns their marks.
     ///
     /// # Errors
-    /// When one can't be written.
+    /// If one can't be written.
     pub fn finish(self, files: &mut Files) -> Result<TableMarks, Error> {
         let mut marks = TableMarks::new();
         let mut add = |name: &str, file: Summed<Part>| {
@@ -111,7 +111,7 @@ impl Parquet {
         Ok(Parquet { file: parquet::Writer::new(Summed::new(part), names).map_err(Error::file(file))?, texts })
     }
 
-    /// Rows of further points are a group, where there are some.
+    /// Writes the rows of further points as a row group, if there are some.
     fn add(&mut self, points: &Recording, rows: &[usize]) -> Result<(), Error> {
         if rows.is_empty() {
             return Ok(());
@@ -141,12 +141,12 @@ fn push_csv(csv: &mut impl Write, points: &Recording, rows: &[usize]) -> io::Res
     csv.write_all(text.as_bytes())
 }
 
-/// Which points are rows, of one part of a run after the other.
+/// Choice of the points that are rows, for one part of a run after the other.
 #[derive(Debug)]
 struct Rows {
     every: Option<f64>,
     start: Option<f64>,
-    /// The multiple of `every` that the next row is at, or behind.
+    /// The multiple of `every` at or after which the next row is.
     next: f64,
 }
 
@@ -155,7 +155,7 @@ impl Rows {
         Rows { every, start: None, next: 0.0 }
     }
 
-    /// The rows among further points, with the last of them where no more follow.
+    /// The rows among further points, including the last of them if none follow.
     fn among(&mut self, times: &[f64], ends: bool) -> Vec<usize> {
         let (Some(every), Some(&first)) = (self.every, times.first()) else { return (0..times.len()).collect() };
         let (start, last) = (*self.start.get_or_insert(first), times.len() - 1);
