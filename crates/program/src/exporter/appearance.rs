@@ -1,4 +1,4 @@
-//! What an FMU shows of itself: its page, its picture, and its pins in groups.
+//! Appearance of an FMU: its page, its icon, and its pins in groups.
 
 use super::page::{self, Handed};
 use super::{Source, terminals};
@@ -11,20 +11,20 @@ use crate::model::{Description, Standard};
 use crate::model_description::ModelDescription;
 use crate::pages::{self, Icon};
 
-/// What a reader, and a tool that shows blocks, see of an FMU.
+/// Files of an FMU for readers and for tools that show blocks.
 pub struct Appearance {
     /// documentation/index.html
     pub page: String,
-    /// Its picture.
+    /// Its icon.
     pub icon: Icon,
-    /// terminalsAndIcons/terminalsAndIcons.xml, where it is asked for, and in FMI 3.0.
+    /// terminalsAndIcons/terminalsAndIcons.xml, if requested, and in FMI 3.0.
     pub terminals: Option<String>,
 }
 
-/// That of a unit, which was made from a description.
+/// The appearance of an FMU, which was generated from a description.
 ///
 /// # Errors
-/// When the description, or what the library makes of it, can't be read.
+/// If the description, or the library's answer to it, can't be read.
 pub fn appearance(
     source: &Source,
     unit: &DescribedUnit,
@@ -41,13 +41,13 @@ pub fn appearance(
         icon: entry.map_or_else(|| pages::icon(""), Entry::icon),
         terminals: match description.standard() {
             Standard::Fmi2 => with_terminals.then(|| terminals::xml(&handed.pins)),
-            // Only its picture: elements of arrays can't be members of a terminal.
+            // Only its icon: elements of arrays can't be members of a terminal.
             Standard::Fmi3 => Some(terminals::xml(&[])),
         },
     })
 }
 
-/// The kind of a unit in the catalogue, where it is one of this package, not of another by the same name.
+/// The kind of an FMU in the catalogue, if it is of this package, not of another with the same name.
 fn entry(description: &Description, build: &Build) -> Option<&'static Entry> {
     (build.package == own::PACKAGE).then(|| own::find(&description.model)).flatten()
 }

@@ -1,4 +1,4 @@
-//! What a shared library asks of the system that is to load it, by its bytes. They may be anybody's.
+//! Requirements of a shared library on the system that loads it, read from its bytes, which may be anybody's.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,9 +13,9 @@ use serde::{Serialize, Serializer};
 use super::archive;
 use crate::error::Error;
 
-/// The longest library that is looked at, in an archive.
+/// Largest size of a library in an archive that is read.
 const LARGEST: u64 = 1 << 28;
-/// The most versions that one is asked for; ours need a dozen.
+/// Largest number of versions that are read; ours need a dozen.
 const MOST_VERSIONS: usize = 10_000;
 
 /// A version of glibc.
@@ -26,10 +26,10 @@ pub struct Glibc {
 }
 
 impl Glibc {
-    /// The newest that a library of ours asks for: the oldest that Rust supports.
+    /// The newest that a library of ours requires: the oldest that Rust supports.
     pub const PROMISED: Glibc = Glibc { major: 2, minor: 17 };
 
-    /// The newest one that a library for Linux needs something of; none where it is another one, or can't be read.
+    /// The newest version that a library for Linux requires; none for other libraries, or if it can't be read.
     pub fn asked_by(library: &[u8]) -> Option<Self> {
         let newest = match FileKind::parse(library).ok()? {
             FileKind::Elf64 => newest::<FileHeader64<Endianness>>(library),
@@ -39,11 +39,11 @@ impl Glibc {
         newest.ok()?
     }
 
-    /// Of a version as the linker writes it.
+    /// Reads a version as the linker writes it.
     fn of_name(name: &[u8]) -> Option<Self> {
         let version = std::str::from_utf8(name).ok()?.strip_prefix("GLIBC_")?;
         if version == "ABI_DT_RELR" {
-            // A way of writing addresses down, which the loader knows since then.
+            // A compact form of relocations, which the loader supports since then.
             return Some(Glibc { major: 2, minor: 36 });
         }
         let mut parts = version.split('.').map(|part| part.parse().ok());
@@ -76,7 +76,7 @@ fn newest<Elf: FileHeader<Endian = Endianness>>(library: &[u8]) -> object::Resul
             if count > MOST_VERSIONS {
                 return Ok(None);
             }
-            // The loader goes on without one of these.
+            // The loader doesn't require weak ones.
             if version.vna_flags.get(endian).0 & VER_FLG_WEAK.0 == 0 {
                 newest = newest.max(Glibc::of_name(version.name(endian, names)?));
             }
@@ -85,17 +85,17 @@ fn newest<Elf: FileHeader<Endian = Endianness>>(library: &[u8]) -> object::Resul
     Ok(newest)
 }
 
-/// What is to be known of a library in an FMU.
+/// Requirements of a library in an FMU.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Asked {
     /// The processor that it is for.
     pub processor: String,
-    /// The oldest glibc that it can be loaded with, where it asks for one.
+    /// The oldest glibc with which it can be loaded, if it requires one.
     pub glibc: Option<Glibc>,
 }
 
 impl Asked {
-    /// Of a library's bytes; none where they are none.
+    /// Reads the bytes of a library; none if they aren't one.
     pub fn by(library: &[u8]) -> Option<Self> {
         let processor = match FileKind::parse(library).ok()? {
             FileKind::MachOFat32 | FileKind::MachOFat64 => "several processors".to_owned(),
@@ -118,10 +118,10 @@ impl fmt::Display for Asked {
     }
 }
 
-/// What the libraries in an FMU ask for, by their paths in it. What isn't one, or is broken, is left out.
+/// Requirements of the libraries in an FMU, by their paths in it. Other files, and broken ones, are left out.
 ///
 /// # Errors
-/// When the archive is broken or hostile.
+/// If the archive is broken or hostile.
 pub fn asked_within(fmu: &Path) -> Result<BTreeMap<String, Asked>, Error> {
     let mut archive = archive::open(fmu)?;
     let ends = |name: &str| [".so", ".dll", ".dylib"].iter().any(|end| name.ends_with(end));
@@ -149,7 +149,7 @@ mod tests {
         bytes[place..place + N].copy_from_slice(&value);
     }
 
-    /// A library that needs some versions of one file, as far as they are looked for, and says how many there are.
+    /// A minimal library that requires some versions of one file, and states their number.
     fn library(versions: &[(&str, u16)], said: u16) -> Vec<u8> {
         const HEADERS: usize = 64;
         let needs = HEADERS + 3 * 64;
@@ -205,7 +205,7 @@ mod tests {
         for length in 0..whole.len() {
             assert_eq!(Glibc::asked_by(&whole[..length]), None, "{length} bytes");
         }
-        // It says that there are more than its bytes hold.
+        // It states more versions than its bytes contain.
         assert_eq!(Glibc::asked_by(&library(&[("GLIBC_2.2.5", 0)], 9)), None);
         let mut broken = whole.clone();
         for place in 0..whole.len() {

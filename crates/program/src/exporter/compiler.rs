@@ -1,4 +1,4 @@
-//! Libraries of a unit, compiled from its C sources.
+//! Libraries of an FMU, compiled from its C sources.
 
 use std::path::Path;
 use std::process::Command;
@@ -7,19 +7,19 @@ use super::platform::Platform;
 use crate::c_compiler;
 use crate::error::Error;
 
-/// The same bits as those of the generic form ask for no fused operations.
+/// Options without fused operations, so that results equal those of the generic form to the bit.
 const OPTIONS: [&str; 6] = ["-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s"];
-/// The oldest glibc that libraries for Linux are compiled against, where a compiler can choose.
+/// The glibc that libraries for Linux are compiled against, if the compiler can choose.
 const GLIBC: &str = "2.17";
 
-/// A C compiler that was found, with what it is told to compile for a platform.
+/// A C compiler that was found, with its arguments for a platform.
 struct Compiler {
     program: String,
     arguments: Vec<String>,
 }
 
 impl Compiler {
-    /// For this machine alone the system's own compiler, or zig where there is none; else zig, for all platforms alike.
+    /// Finds the system's own compiler, or zig if there is none; for portable libraries only zig.
     fn find(platform: Platform, portable: bool) -> Result<Self, Error> {
         let own = if portable { None } else { Self::own() };
         own.or_else(|| Self::zig(platform)).ok_or_else(|| {
@@ -49,7 +49,7 @@ impl Compiler {
     }
 }
 
-/// What zig is told: to be a C compiler for a platform.
+/// Arguments of zig as a C compiler for a platform.
 fn zig_target(platform: Platform) -> Vec<String> {
     let target = match platform.target() {
         ("i686", "linux") => format!("x86-linux-gnu.{GLIBC}"),
@@ -65,11 +65,11 @@ fn answers(program: &str, arguments: &[&str]) -> bool {
     Command::new(program).args(arguments).output().is_ok_and(|output| output.status.success())
 }
 
-/// The library for a platform of a unit whose sources lie in a folder: its bytes. `portable`: it is to run on older systems
-/// than this one, too.
+/// Compiles an FMU's sources in a folder for a platform. Returns the bytes of the library. `portable`: it should also
+/// run on older systems than this one.
 ///
 /// # Errors
-/// When there is no compiler, or it refuses.
+/// If there is no compiler, or it refuses.
 pub fn compile(folder: &Path, platform: Platform, portable: bool) -> Result<Vec<u8>, Error> {
     let Compiler { program, arguments } = Compiler::find(platform, portable)?;
     let library = folder.join(format!("{}{}", platform.folder, platform.suffix));
@@ -79,7 +79,7 @@ pub fn compile(folder: &Path, platform: Platform, portable: bool) -> Result<Vec<
         command.arg("-fPIC");
     }
     if platform.suffix == ".dylib" {
-        // Its own name, in place of where it is written.
+        // Its install name, instead of the path where it is written.
         command.arg("-Wl,-install_name,@rpath/unit.dylib");
     }
     command.arg(folder.join("all.c")).arg("-o").arg(&library).arg("-lm");

@@ -1,4 +1,4 @@
-//! Laws as C for targets.
+//! Control laws as C for targets.
 
 use std::path::{Path, PathBuf};
 
@@ -8,15 +8,16 @@ use crate::error::Error;
 use crate::fmi2::firmware::{Firmware, Options};
 use crate::output::Files;
 
-/// Builds and tests all controllers of a folder.
+/// Build file that builds and tests all controllers of a folder.
 const BUILD: &str = include_str!("firmware.cmake");
 const BUILD_FILE: &str = "CMakeLists.txt";
 
-/// Writes the controller of a description into a folder as C for a target: `NAME.h`, `NAME.c`, `NAME_replay.c` with test vectors,
-/// `NAME_data_sheet.md`, and a CMakeLists.txt where there is none; their paths, and the Runge-Kutta steps in a period.
+/// Writes the controller of a description into a folder as C for a target: `NAME.h`, `NAME.c`, `NAME_replay.c` with
+/// test vectors, `NAME_data_sheet.md`, and a CMakeLists.txt if there is none. Returns their paths, and the number of
+/// Runge-Kutta steps per period.
 ///
 /// # Errors
-/// For a description or options that are refused, or files that can't be written; nothing is left half.
+/// For a description or options that are refused, or files that can't be written. No partial files are left.
 pub fn export_firmware(
     source: &Source,
     library: &Library,

@@ -1,4 +1,4 @@
-//! The library that lies within the program: unpacked to a file where the system's loader is to have it.
+//! The library within the program, unpacked to a file for the system's loader.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,15 +9,16 @@ use crate::cache::{self, Entry};
 use crate::scratch::Scratch;
 
 static HELD: OnceLock<&'static [u8]> = OnceLock::new();
-/// Where it was unpacked to, when there is no cache.
+/// Folder into which it was unpacked without a cache.
 static UNPACKED: Mutex<Option<Scratch>> = Mutex::new(None);
 
-/// From now on, this is the library that lies within the program.
+/// Sets the library within the program.
 pub fn hold(library: &'static [u8]) {
     let _ = HELD.set(library);
 }
 
-/// Its file: in the user's cache folder, else in a temporary one. None where the program holds none, or no file can be written.
+/// Its file: in the user's cache folder, else in a temporary one. None if the program contains no library, or if no
+/// file can be written.
 pub(super) fn file() -> Option<PathBuf> {
     let bytes = *HELD.get()?;
     let checksum = cache::digest(bytes);
@@ -37,7 +38,7 @@ pub(super) fn file() -> Option<PathBuf> {
     Some(file)
 }
 
-/// Removes what was unpacked to a temporary folder. Nothing may be exported or run after that.
+/// Removes the temporary folder. Nothing may be exported or run after that.
 pub fn tidy() {
     drop(UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).take());
 }

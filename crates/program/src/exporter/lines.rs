@@ -1,10 +1,10 @@
-//! In which line of a description what its library refuses stands.
+//! Lines of a description in which its library refuses something.
 
 use std::collections::HashMap;
 
 use toml::de::{DeTable, DeValue};
 
-/// Reasons of a refusal, which are joined by semicolons, each with the line of the key that it begins with.
+/// Adds lines to the reasons of a refusal, joined by semicolons: each gets the line of the key that it begins with.
 pub(super) fn placed(text: &str, reasons: &str) -> String {
     let Ok(table) = DeTable::parse(text) else { return reasons.to_owned() };
     let mut places = HashMap::new();
@@ -16,14 +16,14 @@ pub(super) fn placed(text: &str, reasons: &str) -> String {
     reasons.split("; ").map(with_line).collect::<Vec<_>>().join("; ")
 }
 
-/// Where the keys of a table stand, by their names with those of the tables that they are in.
+/// Collects the places of a table's keys, by their full names.
 fn collect(table: &DeTable, prefix: &str, places: &mut HashMap<String, usize>) {
     for (key, value) in table {
         let name = format!("{prefix}{}", key.get_ref());
         let within = format!("{name}.");
         match value.get_ref() {
             DeValue::Table(table) => collect(table, &within, places),
-            // An item that isn't known is found by itself.
+            // An unknown item is found by its own name.
             DeValue::String(item) => _ = places.entry(format!("{within}{item}")).or_insert(key.span().start),
             DeValue::Array(list) => {
                 list.iter().filter_map(|value| value.get_ref().as_table()).for_each(|t| collect(t, &within, places));
@@ -34,7 +34,7 @@ fn collect(table: &DeTable, prefix: &str, places: &mut HashMap<String, usize>) {
     }
 }
 
-/// Where the key that a reason begins with stands.
+/// The place of the key that a reason begins with.
 fn place(reason: &str, places: &HashMap<String, usize>) -> Option<usize> {
     let find = |name: String| places.get(&name).copied();
     if let Some(rest) = reason.strip_prefix("[start] ") {
@@ -44,7 +44,7 @@ fn place(reason: &str, places: &HashMap<String, usize>) -> Option<usize> {
         return find(format!("names.{}", rest.split_once(": ")?.0));
     }
     if reason.starts_with("[structure]: ") {
-        // What it is about stands first in it: a key, which may be in a table within, or an item.
+        // The first quoted word names a key, which may be in a nested table, or an item.
         let about = reason.split('`').nth(1).unwrap_or_default();
         let within = || {
             let ends = |name: &&String| name.starts_with("structure.") && name.ends_with(&format!(".{about}"));

@@ -1,4 +1,4 @@
-//! The pins of a unit: its inputs and outputs, by what they are for.
+//! The pins of an FMU: its inputs and outputs, grouped by purpose.
 
 use std::collections::HashMap;
 
@@ -6,27 +6,27 @@ use crate::catalogue::Role;
 use crate::fmi2::describe::DescribedUnit;
 use crate::model_description::{ModelDescription, Variable};
 
-/// What pins of a loop's units have to do with each other.
+/// Purpose of a pin in a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
-    /// What is to be followed, with its derivatives.
+    /// Reference with its derivatives.
     Reference,
-    /// What is measured of a plant.
+    /// Measured signal of a plant.
     Measurement,
-    /// What a sensor measures, or an observer makes use of.
+    /// Input of a sensor, or measured input of an observer.
     Measured,
-    /// What an observer estimates.
+    /// Estimate of an observer.
     Estimate,
-    /// What acts on a plant.
+    /// Control of a plant.
     Control,
-    /// What an actuator is told.
+    /// Command to an actuator.
     Command,
-    /// All that needn't be connected.
+    /// Pin that needn't be connected.
     Other,
 }
 
 impl Group {
-    /// Its name as a terminal, and what it is; none where its pins make none.
+    /// Name and description of its terminal; none if its pins have none.
     pub fn terminal(self) -> Option<(&'static str, &'static str)> {
         match self {
             Group::Reference => Some(("reference", "what is to be followed, with its derivatives")),
@@ -43,20 +43,20 @@ impl Group {
 /// An input or output.
 #[derive(Debug, Clone)]
 pub struct Pin<'a> {
-    /// It, under the name in force.
+    /// The variable under its current name.
     pub variable: &'a Variable,
-    /// The part of a whole loop that it belongs to.
+    /// The part of a composite that it belongs to.
     pub part: Option<&'a str>,
     /// The model's own name of it, without the part's.
     pub declared: &'a str,
-    /// What it is for.
+    /// Its purpose.
     pub group: Group,
     /// True if it is an input.
     pub is_input: bool,
 }
 
 impl Pin<'_> {
-    /// The name by which a pin of another unit is the one to connect: that of the signal, whatever the units call it.
+    /// The name of the signal, equal for pins that should be connected, whatever their FMUs call it.
     pub fn member(&self, role: Option<Role>) -> String {
         let (name, index) = self.declared.split_at(self.declared.find('[').unwrap_or(self.declared.len()));
         let name = match (role, self.group, name) {
@@ -68,7 +68,7 @@ impl Pin<'_> {
     }
 }
 
-/// The pins of a unit of a role, or of the parts of a whole loop, by the roles of these.
+/// The pins of an FMU with a role, or of a composite, by the roles of its parts.
 pub fn pins<'a>(
     unit: &'a DescribedUnit,
     xml: &'a ModelDescription,
@@ -91,7 +91,7 @@ pub fn pins<'a>(
     xml.variables.iter().enumerate().filter_map(pin).collect()
 }
 
-/// What a pin of a unit of some role is for, by the model's own name of it.
+/// Purpose of a pin by the role of its FMU and the model's own name of the pin.
 fn group(role: Option<Role>, is_input: bool, name: &str) -> Group {
     let Some(role) = role else { return Group::Other };
     match (role, is_input, name) {
@@ -107,12 +107,12 @@ fn group(role: Option<Role>, is_input: bool, name: &str) -> Group {
     }
 }
 
-/// A name's elements in the fewest words: `x[1…4]` for `x[1]`, `x[2]`, `x[3]`, `x[4]`.
+/// Joins elements to ranges: `x[1…4]` for `x[1]`, `x[2]`, `x[3]`, `x[4]`.
 pub fn ranges<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     runs(names.map(|name| [name])).into_iter().map(|[range]| range).collect()
 }
 
-/// The same of names side by side, all of whose indices go on together.
+/// The same for rows of names whose indices all increase together.
 pub fn runs<'a, const N: usize>(rows: impl Iterator<Item = [&'a str; N]>) -> Vec<[String; N]> {
     let mut runs: Vec<([&'a str; N], usize)> = Vec::new();
     for row in rows {
@@ -125,13 +125,13 @@ pub fn runs<'a, const N: usize>(rows: impl Iterator<Item = [&'a str; N]>) -> Vec
     runs.into_iter().map(|(first, length)| first.map(|name| range(name, length))).collect()
 }
 
-/// A name of a vector's element, without its index, and that.
+/// Name and index of a vector's element.
 fn element(name: &str) -> Option<(&str, usize)> {
     let (name, index) = name.strip_suffix(']')?.rsplit_once('[')?;
     Some((name, index.parse().ok()?))
 }
 
-/// True if a name is that of the element some places behind a first one.
+/// True if a name is that of the element `places` after the first one.
 fn follows(first: &str, name: &str, places: usize) -> bool {
     let (Some((vector, begin)), Some((same, index))) = (element(first), element(name)) else { return false };
     vector == same && begin + places == index

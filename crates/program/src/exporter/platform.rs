@@ -1,4 +1,4 @@
-//! The platforms that a unit can hold libraries for.
+//! The platforms for which an FMU can contain libraries.
 
 use std::path::{Path, PathBuf};
 
@@ -10,14 +10,14 @@ use crate::model::Standard;
 pub struct Platform {
     /// Folder of its libraries in an FMU, as the standard names it.
     pub folder: &'static str,
-    /// Folder where masters look for them that don't know this name: that of the same system on x86-64.
+    /// Folder in which masters that don't know this name look for them: that of the same system on x86-64.
     pub other_folder: Option<&'static str>,
-    /// What its libraries' names end with.
+    /// Suffix of its libraries' names.
     pub suffix: &'static str,
 }
 
-/// FMI 2.0.4, section 2.3, keeps its own names for x86; any other processor has that of FMI 3.0. Which master looks where
-/// is in docs/platforms.md.
+/// All platforms by processor and system. FMI 2.0.4, section 2.3, has its own names for x86; any other processor has
+/// that of FMI 3.0. docs/platforms.md lists where masters look.
 const KNOWN: [(&str, &str, Platform); 8] = [
     ("x86_64", "linux", Platform::of_x86("linux64", ".so")),
     ("i686", "linux", Platform::of_x86("linux32", ".so")),
@@ -34,17 +34,17 @@ impl Platform {
         Platform { folder, other_folder: None, suffix }
     }
 
-    /// Where this program runs; what isn't known counts as Linux.
+    /// The platform of this program; an unknown one counts as Linux.
     pub fn own() -> Self {
         Self::of_target(TARGET).unwrap_or(KNOWN[0].2)
     }
 
-    /// Of a target as Rust names it, say `x86_64-pc-windows-gnu`.
+    /// The platform of a target as Rust names it, such as `x86_64-pc-windows-gnu`.
     pub fn of_target(target: &str) -> Option<Self> {
         let mut parts = target.split('-');
         let processor = parts.next()?;
         let has = |system: &str| parts.clone().any(|part| part == system);
-        // Masters are linked with glibc; what is linked with another C library can't be loaded by them.
+        // Masters are linked with glibc, so they can't load a library that is linked with another C library.
         let fits = |(known, system, _): &&(&str, &str, Platform)| *known == processor && has(system) && !has("musl");
         KNOWN.iter().find(fits).map(|(.., platform)| *platform)
     }
@@ -55,18 +55,18 @@ impl Platform {
         known.map_or((KNOWN[0].0, KNOWN[0].1), |(processor, system, _)| (processor, system))
     }
 
-    /// By its folder.
+    /// The platform with a folder.
     pub fn named(folder: &str) -> Option<Self> {
         KNOWN.iter().find(|(.., platform)| platform.folder == folder).map(|(.., platform)| *platform)
     }
 
-    /// What Rust calls this package's library there.
+    /// File name of this package's library there, as Rust names it.
     pub fn library_name(&self) -> String {
         let prefix = if self.suffix == ".dll" { "" } else { "lib" };
         format!("{prefix}adaptive_fmu_library{}", self.suffix)
     }
 
-    /// What this package's program is called there.
+    /// File name of this package's program there.
     pub fn program_name(&self) -> &'static str {
         if self.suffix == ".dll" { "adaptive-fmu.exe" } else { "adaptive-fmu" }
     }
@@ -86,22 +86,22 @@ impl Platform {
         self.binary_in(&format!("{processor}-{system}"), name)
     }
 
-    /// Where a library of this platform lies in an FMU of FMI 2.0 of this name.
+    /// The place of a library of this platform in an FMU of FMI 2.0.
     pub fn binary(&self, name: &str) -> String {
         self.binary_in(self.folder, name)
     }
 
-    /// Where it lies, too, if no library for x86-64 does.
+    /// A second place for it, if no library for x86-64 is there.
     pub fn other_binary(&self, name: &str) -> Option<String> {
         self.other_folder.map(|folder| self.binary_in(folder, name))
     }
 
-    /// The library of this platform in the folder of an FMU: in its own place, or in that which other tools use.
+    /// The library of this platform in the folder of an FMU, in one of its [places](Platform::binaries).
     pub fn find_binary(&self, fmu: &Path, standard: Standard, name: &str) -> Option<PathBuf> {
         self.binaries(standard, name).map(|place| fmu.join(place)).find(|path| path.is_file())
     }
 
-    /// Where the library of this platform may lie in an FMU: in its own place, or, in FMI 2.0, in that which other tools use.
+    /// Places of the library of this platform in an FMU: its own place, and in FMI 2.0 also that of other tools.
     pub fn binaries(&self, standard: Standard, name: &str) -> impl Iterator<Item = String> {
         let other = (standard == Standard::Fmi2).then(|| self.other_binary(name)).flatten();
         [Some(self.binary_of(standard, name)), other].into_iter().flatten()

@@ -1,4 +1,5 @@
-//! terminalsAndIcons/terminalsAndIcons.xml: pins in groups that tools connect at once (FMI 2.0.4 takes it from FMI 3.0).
+//! terminalsAndIcons/terminalsAndIcons.xml: pins in groups that tools connect in one step (from FMI 3.0, also allowed
+//! in FMI 2.0.4).
 
 use std::io;
 
@@ -10,10 +11,10 @@ use crate::catalogue::Role;
 
 /// The version of the standard that the file belongs to.
 const VERSION: &str = "3.0";
-/// The picture, in the units of its coordinate system: mm.
+/// Size of the icon, mm.
 const SIZE: &str = "100";
 
-/// The file of a unit with some pins, each with the role of its unit or part.
+/// The file of an FMU with some pins, each with the role of its FMU or part.
 pub fn xml(pins: &[(Pin, Option<Role>)]) -> String {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
     let written = write(&mut xml, pins);
@@ -47,15 +48,15 @@ fn write(xml: &mut Writer<Vec<u8>>, pins: &[(Pin, Option<Role>)]) -> io::Result<
     Ok(())
 }
 
-/// Pins that go together.
+/// A group of pins.
 struct Terminal<'a> {
     name: String,
     description: &'static str,
-    /// Names of signals, and of the variables that they are here.
+    /// Names of signals, and of their variables here.
     members: Vec<(String, &'a str)>,
 }
 
-/// The pins by what they are for, and by the parts of a whole loop that they belong to.
+/// The pins by their purpose, and by the parts of a composite that they belong to.
 fn terminals<'a>(pins: &[(Pin<'a>, Option<Role>)]) -> Vec<Terminal<'a>> {
     let mut terminals: Vec<Terminal> = Vec::new();
     for (pin, role) in pins {
@@ -71,7 +72,7 @@ fn terminals<'a>(pins: &[(Pin<'a>, Option<Role>)]) -> Vec<Terminal<'a>> {
 }
 
 impl Terminal<'_> {
-    /// Not as a plug: a reference has derivatives that not every controller takes, and a plant shows more than is measured.
+    /// Writes it as a bus, not a plug: not every controller takes a reference's derivatives, or all outputs of a plant.
     fn write(&self, xml: &mut Writer<Vec<u8>>) -> io::Result<()> {
         let attributes = [("name", self.name.as_str()), ("matchingRule", "bus"), ("description", self.description)];
         xml.create_element("Terminal").with_attributes(attributes).write_inner_content(|xml| {

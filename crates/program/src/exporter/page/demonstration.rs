@@ -1,5 +1,5 @@
-//! What a unit alone does when it is given a step or a sine: the picture on the page of a unit that stands in no loop of
-//! this package. It is computed from the unit's own description while its page is written.
+//! Response of a standalone FMU to a step or a sine: the plot on the page of an FMU that is in no loop of this package.
+//! It is computed from the FMU's own description while its page is written.
 
 use std::fmt::Write;
 
@@ -12,27 +12,27 @@ use crate::model::{Description, Model};
 use crate::report::number;
 use crate::system::{Causality, Variable};
 
-/// Communication steps of the experiment, and the fewest with which it tells anything.
+/// Number of communication steps of the experiment, and the fewest with which it is shown.
 const STEPS: usize = 400;
 const FEWEST: usize = 20;
-/// Parts of the experiment: before a step; until steps go down again, and until they are over.
+/// Times relative to the experiment: of a step; of the step down, and of the end of steps.
 const BEFORE: f64 = 0.05;
 const DOWN: f64 = 0.4;
 const OVER: f64 = 0.75;
 /// Periods of a sine.
 const PERIODS: f64 = 1.5;
-/// The work that a communication step of the experiment may take: a large plant's export waits no longer for its picture.
+/// Work limit of a communication step, so that the plot doesn't delay a large plant's export.
 const MOST_WORK: f64 = 1e6;
-/// The most outputs in one picture.
+/// Largest number of outputs in one plot.
 const MOST_OUTPUTS: usize = 4;
 
-/// The picture, and how it came about as HTML.
+/// The plot, and its description as HTML.
 pub struct Shown {
     pub how: String,
     pub plot: Plot,
 }
 
-/// That of a unit; none where its kind shows nothing alone, or the unit does nothing.
+/// The demonstration of an FMU; none if its kind has no standalone one, or its outputs don't change.
 pub fn shown(handed: &Handed) -> Option<Shown> {
     let demonstration = handed.entry?.demonstration?;
     let own = Experiment::of(handed.description, &demonstration).and_then(Experiment::run);
@@ -46,7 +46,7 @@ pub fn shown(handed: &Handed) -> Option<Shown> {
     Some(recorded.shown(demonstration.example))
 }
 
-/// Start values in which a number stands for every element of a vector.
+/// Expands numbers for vectors to start values of all their elements.
 fn with_elements(description: &Description, values: &toml::Table) -> toml::Table {
     let Ok(variables) = Model::variables_of(description, REGISTRY) else { return values.clone() };
     let whole = |name: &str, value: &toml::Value| {
@@ -62,13 +62,13 @@ struct Experiment {
     execution: Execution,
     demonstration: Demonstration,
     scale: Scale,
-    /// Name and place of the input that is given something, and of the outputs that are shown, with their units.
+    /// Name and place of the input with the stimulus, and of the outputs that are shown, with their units.
     input: Option<(String, usize)>,
     outputs: Vec<(String, usize)>,
     units: Vec<&'static str>,
 }
 
-/// What came of it.
+/// Recorded experiment.
 struct Recorded {
     demonstration: Demonstration,
     scale: Scale,
@@ -108,7 +108,7 @@ impl Experiment {
         Some(Experiment { execution, demonstration: *demonstration, scale, input, outputs, units })
     }
 
-    /// Runs it, as far as the unit gets; none where that isn't far.
+    /// Runs it, as far as the FMU gets; none if that is too short.
     fn run(mut self) -> Option<Recorded> {
         let step = self.scale.duration / STEPS as f64;
         let mut rows: Vec<(f64, Vec<f64>)> = Vec::with_capacity(STEPS + 1);
@@ -134,7 +134,7 @@ impl Experiment {
             is_reference: self.input.is_some() && column == 0,
             points: rows.iter().map(|(time, row)| (*time, row[column])).collect(),
         });
-        // Of a step it is enough to tell it: beside what it does it may be small.
+        // A step is described in the text; its curve is left out, since it may be small compared with the outputs.
         let tells_alone = self.demonstration.stimulus == Stimulus::Step;
         let curves = curves.filter(|curve| !(curve.is_reference && tells_alone));
         let plot = Plot { title: self.title(), curves: curves.collect() };
@@ -153,7 +153,7 @@ impl Experiment {
     }
 }
 
-/// Where a stimulus is at a communication point, in parts of its size.
+/// Value of a stimulus at a communication point, relative to its size.
 fn along(stimulus: Stimulus, point: usize) -> f64 {
     let part = point as f64 / STEPS as f64;
     match stimulus {
@@ -206,7 +206,7 @@ mod tests {
     use crate::exporter::find_description;
     use crate::library;
 
-    /// What a unit of this package does, with some lines of `[start]`.
+    /// The recorded experiment of an FMU of this package, with some lines of `[start]`.
     fn recorded(name: &str, start: &str) -> Recorded {
         let mut description = Description::read(&find_description(name).unwrap().text).unwrap();
         description.start.extend(with_elements(&description, &start.parse().unwrap()));

@@ -1,5 +1,5 @@
-//! The wiring diagram, and the table of what is to be connected. Blocks stand one below the other, as a signal goes
-//! through a loop: there is room for names beside the wires, on a telephone, too.
+//! The wiring diagram and the table of connections. Blocks are one below the other, in the order in which a signal
+//! passes through a loop, which leaves room for names next to the wires even on a phone.
 
 use std::fmt::Write;
 
@@ -12,7 +12,7 @@ use crate::exporter::pins::{ranges, runs};
 const WIDTH: usize = 224;
 const CHARACTER: usize = 7;
 const LINE: usize = 14;
-/// Characters in a line of a block, and beside it.
+/// Characters in a line of a block, and next to it.
 const INSIDE: usize = 31;
 const BESIDE: usize = 17;
 /// Distance between wires that go past blocks.
@@ -38,7 +38,7 @@ pub fn push(page: &mut String, wiring: &Wiring, handed: &Handed) {
     page.push_str("</div>\n");
 }
 
-/// What is to be connected to what, and what may stay open.
+/// Appends the table of connections, and the pins that may stay open.
 fn push_table(page: &mut String, wiring: &Wiring, handed: &Handed) {
     let is_whole = matches!(wiring.from, From::Itself(_));
     let mut rows = String::new();
@@ -85,7 +85,7 @@ fn push_table(page: &mut String, wiring: &Wiring, handed: &Handed) {
     page.push_str("</div>\n");
 }
 
-/// Where a wire goes past blocks.
+/// Route of a wire past blocks.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Way {
     /// Straight to the next block.
@@ -116,13 +116,13 @@ struct Diagram<'a> {
     wiring: &'a Wiring,
     blocks: Vec<Block>,
     wires: Vec<Wire<'a>>,
-    /// Left edge of the blocks, and the whole size.
+    /// Left edge of the blocks, and the size of the diagram.
     left: usize,
     width: usize,
     height: usize,
 }
 
-/// Where a unit stands in the order of a loop.
+/// Place of a role in the order of blocks.
 fn rank(role: Option<Role>) -> usize {
     match role {
         Some(Role::Reference) => 0,
@@ -134,7 +134,7 @@ fn rank(role: Option<Role>) -> usize {
     }
 }
 
-/// Pieces in lines of some width, with commas between.
+/// Joins pieces by commas to lines of some width.
 fn lines(pieces: &[String], width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for piece in pieces {
@@ -168,7 +168,7 @@ impl<'a> Diagram<'a> {
         diagram
     }
 
-    /// Finds the places of blocks.
+    /// Places the blocks.
     fn arrange(&mut self) {
         let side = |way: Way| {
             let passing = self.wires.iter().filter(|wire| wire.way == way);
@@ -269,13 +269,13 @@ impl<'a> Diagram<'a> {
         }
     }
 
-    /// Height at which a wire meets a block: arrows first, then what leaves, below its labels.
+    /// Height at which a wire meets a block: arriving wires first, then leaving ones below their labels.
     fn port(&self, wire: &Wire, block: usize, leaves: bool) -> usize {
         let mut y = self.blocks[block].top + 4;
         for leaving in [false, true] {
             let here = |other: &&Wire| (if leaving { other.from } else { other.to }) == block && other.way == wire.way;
             let mut here: Vec<&Wire> = self.wires.iter().filter(here).collect();
-            // Such that no wire crosses another one: the outer ones arrive and leave on the outside.
+            // No wire crosses another one if the outer ones arrive and leave on the outside.
             here.sort_by_key(|other| other.lane);
             if leaving == (wire.way == Way::Right) {
                 here.reverse();
@@ -311,7 +311,7 @@ impl<'a> Wire<'a> {
         LINE * self.labels.len() + 6
     }
 
-    /// Height that it takes beside a block.
+    /// Height that it takes next to a block.
     fn room(&self, block: usize, way: Way) -> usize {
         let (arrives, leaves) = (self.to == block, self.from == block);
         if self.way != way {
@@ -321,7 +321,7 @@ impl<'a> Wire<'a> {
     }
 }
 
-/// What stands in a block: its name, what it is, and, of the unit, all pins.
+/// Text of a block: its name, its title, and, for the FMU of the page, all pins.
 fn text(wiring: &Wiring, handed: &Handed, place: usize) -> Vec<(&'static str, String)> {
     let part = &wiring.parts[place];
     let mut text = vec![("name", part.name.clone())];

@@ -1,4 +1,4 @@
-//! What a kind tells of itself on a unit's page: what it is for, its gains, what it warns of, what it can't do.
+//! A kind's part of an FMU's page: purpose, gains, warnings and limitations.
 
 use std::fmt::Write;
 
@@ -8,14 +8,14 @@ use crate::catalogue::Role;
 use crate::exporter::pins::ranges;
 use crate::model_description::Variable;
 
-/// Appends what the unit is for.
+/// Appends the purpose of the FMU.
 pub fn push_purpose(page: &mut String, handed: &Handed) {
     if let Some(entry) = handed.entry {
         let _ = writeln!(page, "<div id=\"purpose\">{}</div>", handed.told(entry.guide.purpose));
     }
 }
 
-/// Appends what the unit shows while nothing is connected to it.
+/// Appends the behaviour of the FMU without connections.
 pub fn push_alone(page: &mut String, handed: &Handed) {
     if let Some(entry) = handed.entry {
         let _ = writeln!(page, "<div id=\"alone\">{}</div>", handed.told(entry.guide.alone));
@@ -31,7 +31,7 @@ pub fn heading(handed: &Handed) -> &'static str {
     }
 }
 
-/// Appends the parameters that matter most; nothing for kinds that name none.
+/// Appends the most important parameters; nothing for kinds that name none.
 pub fn push_gains(page: &mut String, handed: &Handed) {
     let Some(entry) = handed.entry else { return };
     let mut rows = String::new();
@@ -62,7 +62,7 @@ pub fn push_gains(page: &mut String, handed: &Handed) {
     }
 }
 
-/// The elements of a parameter, by the model's own name of it. Diagonal elements alone, where all others are 0.
+/// The elements of a parameter, by the model's own name of it; only the diagonal ones if all others are 0.
 fn elements<'a>(handed: &Handed<'a>, name: &str) -> Vec<&'a Variable> {
     let of = |declared: &str| declared.split('[').next() == Some(name);
     let is_free = |variable: &Variable| variable.causality == "parameter" || variable.variability == "constant";
@@ -78,7 +78,7 @@ fn elements<'a>(handed: &Handed<'a>, name: &str) -> Vec<&'a Variable> {
     all.into_iter().filter(|(_, declared)| !is_diagonal || diagonal(declared)).map(|(variable, _)| variable).collect()
 }
 
-/// What some elements start at: once where it is the same, and no more than six.
+/// Start values of some elements: only one if all are equal, and at most six.
 fn starts(elements: &[&Variable]) -> String {
     let figures: Vec<String> = elements.iter().map(|variable| figure(variable, variable.start.as_deref())).collect();
     if figures.iter().all(|text| *text == figures[0]) {
@@ -103,7 +103,7 @@ pub fn push_warnings(page: &mut String, handed: &Handed) {
     page.push_str("</table></div>\n");
 }
 
-/// Appends what the unit can't do; nothing for kinds that don't tell.
+/// Appends the limitations of the FMU; nothing for kinds that name none.
 pub fn push_limits(page: &mut String, handed: &Handed) {
     let limits = handed.entry.map_or("", |entry| entry.guide.limits);
     let mut seen = Vec::new();

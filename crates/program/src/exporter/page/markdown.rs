@@ -5,7 +5,7 @@ use pulldown_latex::{RenderConfig, Storage, config::DisplayMode, push_mathml};
 
 use super::escaped;
 
-/// Markdown as HTML. Its headings are below those of the page; its tables scroll where they are too wide.
+/// Markdown as HTML. Its headings are below those of the page; tables that are too wide scroll.
 pub fn rendered(markdown: &str) -> String {
     let options = Options::ENABLE_MATH | Options::ENABLE_TABLES;
     let events = Parser::new_ext(markdown, options).map(|event| match event {

@@ -1,5 +1,5 @@
-//! documentation/index.html: what a reader who has nothing but the FMU must know, in the order in which it is asked for;
-//! readable without a network, on a telephone and on paper.
+//! documentation/index.html: all that a reader who has only the FMU must know, the most important first; readable
+//! without a network, on a phone and on paper.
 
 mod demonstration;
 mod diagram;
@@ -30,20 +30,20 @@ use wiring::Wiring;
 
 const STYLE: &str = include_str!("style.css");
 
-/// A unit that is handed on: what its page tells follows from this.
+/// An exported FMU, from which its page is generated.
 pub struct Handed<'a> {
     unit: &'a DescribedUnit,
     build: &'a Build,
     xml: &'a ModelDescription,
     description: &'a Description,
     entry: Option<&'static Entry>,
-    /// Its parts, where it is a whole loop.
+    /// Its parts, if it is a composite.
     parts: Vec<Part<'a>>,
-    /// Its pins, with the roles of the units that they belong to.
+    /// Its pins, with the roles of the components that they belong to.
     pub pins: Vec<(Pin<'a>, Option<Role>)>,
 }
 
-/// A part of a whole loop.
+/// A part of a composite.
 struct Part<'a> {
     name: &'a str,
     entry: Option<&'static Entry>,
@@ -51,7 +51,7 @@ struct Part<'a> {
 }
 
 impl<'a> Handed<'a> {
-    /// A unit with what it was made from, and its kind where that stands in the catalogue.
+    /// Returns an FMU with its sources, and its kind if that is in the catalogue.
     pub fn new(
         unit: &'a DescribedUnit,
         build: &'a Build,
@@ -66,7 +66,7 @@ impl<'a> Handed<'a> {
         Handed { unit, build, xml, description, entry, parts, pins }
     }
 
-    /// Markdown with what holds for this unit alone, as HTML.
+    /// Converts the sections of Markdown that apply to this FMU to HTML.
     fn told(&self, markdown: &str) -> String {
         let own = [&self.description.structure];
         let structures: Vec<&toml::Table> = if self.parts.is_empty() {
@@ -84,7 +84,7 @@ impl Part<'_> {
     }
 }
 
-/// The parts of a whole loop, from its structure.
+/// The parts of a composite, from its structure.
 fn parts(structure: &toml::Table) -> Vec<Part<'_>> {
     let parts = structure.get("parts").and_then(toml::Value::as_array);
     parts.into_iter().flatten().filter_map(part).collect()
@@ -96,7 +96,7 @@ fn part(part: &toml::Value) -> Option<Part<'_>> {
     Some(Part { name: text("name")?, entry: text("model").and_then(library::find), structure })
 }
 
-/// The page of a unit.
+/// The page of an FMU.
 pub fn html(handed: &Handed) -> String {
     let Handed { unit, build, xml, entry, .. } = handed;
     let name = escaped(&unit.name);
@@ -131,7 +131,7 @@ pub fn html(handed: &Handed) -> String {
     page
 }
 
-/// Whose the unit is, in a line.
+/// Author, copyright and license of the FMU, in a line.
 fn about(xml: &ModelDescription) -> String {
     let texts = xml.about.iter().map(|(key, text)| match *key {
         "author" => format!("By {}", escaped(text)),

@@ -9,7 +9,7 @@ use crate::report::{Value, number};
 /// Name, value, unit and note.
 type Row = (&'static str, Value, &'static str, String);
 
-/// Appends the plant that a controller was designed for; nothing where its description has none.
+/// Appends the plant that a controller was designed for; nothing if its description has none.
 pub fn push(page: &mut String, nominal: Option<&NominalPlant>) {
     let Some(plant) = nominal else { return };
     let delayed = if plant.is_delayed() { "u(t − delay)" } else { "u" };
@@ -66,7 +66,7 @@ fn uncertainty(uncertainty: &Uncertainty) -> Vec<Row> {
     }
 }
 
-/// One number where all are the same.
+/// One number if all are equal, else all of them.
 fn each(values: &[f64]) -> Value {
     match values {
         [first, rest @ ..] if rest.iter().all(|value| value == first) => (*first).into(),

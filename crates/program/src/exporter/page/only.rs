@@ -1,9 +1,9 @@
-//! Parts of a kind's page that hold for some structures only.
+//! Parts of a kind's page that apply only to some structures.
 //!
-//! They stand between two lines, `<!-- only: CONDITION -->` and `<!-- end -->`, and may lie within each other. A condition is
-//! one of these, or several with ` or ` between them: `key` (it is given, and isn't false), `no key`, `key = value`,
-//! `key != value` (also where it isn't given). A key of a table within the structure has a dot: `network.rule`. What holds
-//! for no unit, since it tells of all of them, is for the `site` alone.
+//! They are between two lines, `<!-- only: CONDITION -->` and `<!-- end -->`, and may be nested. A condition is one of
+//! these, or several joined by ` or `: `key` (it is given, and isn't false), `no key`, `key = value`, `key != value`
+//! (also if it isn't given). A key of a table within the structure has a dot: `network.rule`. Parts about all FMUs
+//! have the condition `site`: they are on no FMU's page.
 
 use toml::{Table, Value};
 
@@ -12,7 +12,7 @@ const SITE: &str = "site";
 const CLOSE: &str = "-->";
 const END: &str = "<!-- end -->";
 
-/// The text without the parts that hold for none of some structures, and without the lines that mark parts.
+/// The text without the parts that apply to none of some structures, and without the lines that mark parts.
 pub fn having(markdown: &str, structures: &[&Table]) -> String {
     let (mut kept, mut within) = (String::new(), Vec::new());
     for line in markdown.lines() {
@@ -97,7 +97,7 @@ mod tests {
     fn parts_of_pages_depend_on_keys_that_their_kinds_have_and_are_closed() {
         let mut count = 0;
         for entry in CATALOGUE {
-            // A page may hold another's, parts of which are then never shown.
+            // A page may contain another's, parts of which are then never shown.
             let held = CATALOGUE.iter().filter(|other| entry.kind.documentation.contains(other.kind.documentation));
             let schema = |held: &Entry| (held.schema)(schemars::SchemaGenerator::default()).to_value().to_string();
             let schema: String = held.map(schema).collect();

@@ -6,7 +6,7 @@ use super::escaped;
 use crate::drawing::{KEY, push_pictures};
 use crate::report::{DesignReport, Finding, Verdict};
 
-/// Appends the report; nothing where there is nothing to report.
+/// Appends the report, unless it has no findings.
 pub fn push(page: &mut String, report: &DesignReport) {
     if report.findings.is_empty() {
         return;

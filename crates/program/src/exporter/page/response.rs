@@ -1,7 +1,7 @@
-//! The picture of what a unit does: what its loop recorded when it was run, or what it does alone.
+//! Plots of an FMU's response: recorded in its loop, or from its standalone demonstration.
 //!
-//! A run takes up to 20 s, and pages are written for each unit: so the curves of loops lie in the package, as few points each
-//! (`examples/LOOP/response.txt`), and a test runs the loops and compares.
+//! A run takes up to 20 s, too long for every export. So the package contains the curves of its loops, as few points
+//! each (`examples/LOOP/response.txt`), and a test runs the loops and compares.
 
 use std::fmt::Write;
 
@@ -16,9 +16,9 @@ const HEIGHT: f64 = 210.0;
 const LEFT: f64 = 52.0;
 const BOTTOM: f64 = 34.0;
 const MARGIN: f64 = 10.0;
-/// Width of a digit of a label, rather too much.
+/// Width of a digit of a label, rounded up.
 const DIGIT: f64 = 6.5;
-/// Part of the time that counts as the start, and by how much a peak there is beyond all that follows if it is cut off.
+/// Part of the time that counts as the start, and the ratio of ranges above which a peak there is cut off.
 const START: f64 = 0.05;
 const BEYOND: f64 = 4.0;
 
@@ -26,15 +26,15 @@ const BEYOND: f64 = 4.0;
 pub struct Curve {
     /// Its name.
     pub name: String,
-    /// Its unit; empty, `-` or `1` where it is a plain number, or isn't known.
+    /// Its unit; empty, `-` or `1` if it is dimensionless or unknown.
     pub unit: String,
-    /// True if others are to come to it.
+    /// True if it is a reference of others.
     pub is_reference: bool,
     /// Times and values.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Curves in one picture.
+/// Curves in one diagram.
 pub struct Plot {
     /// Its title.
     pub title: String,
@@ -42,7 +42,7 @@ pub struct Plot {
     pub curves: Vec<Curve>,
 }
 
-/// Appends the pictures; for a unit that has none, how to come by them.
+/// Appends the plots; for an FMU outside this package's loops also how to run it.
 pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
     if let Some((name, text)) = wiring.loop_name().and_then(|name| Some((name, response(name)?))) {
         return push_loop(page, wiring, name, text);
@@ -64,7 +64,7 @@ pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
     };
 }
 
-/// Appends what a loop of this package recorded.
+/// Appends the recorded response of a loop of this package.
 fn push_loop(page: &mut String, wiring: &Wiring, name: &str, text: &str) {
     let plots = read(text);
     let how = match wiring.from {
@@ -83,7 +83,7 @@ fn push_loop(page: &mut String, wiring: &Wiring, name: &str, text: &str) {
     page.push_str("</div>\n");
 }
 
-/// The first plot, and the first other one with a signal of the unit; else the last.
+/// The first plot, and the first other one with a signal of the FMU; else the last.
 fn chosen<'a>(plots: &'a [Plot], wiring: &Wiring) -> Vec<&'a Plot> {
     let own: Vec<_> = match wiring.from {
         From::Loop(_) => wiring.parts.iter().filter(|part| part.is_own).map(|part| format!("{}.", part.name)).collect(),
@@ -94,8 +94,8 @@ fn chosen<'a>(plots: &'a [Plot], wiring: &Wiring) -> Vec<&'a Plot> {
     plots.first().into_iter().chain(others.iter().find(shows).or(others.last())).collect()
 }
 
-/// Reads what is kept of a loop's run: lines `plot TITLE`, each with lines `curve NAME UNIT t y t y …` behind it, or
-/// `reference …` where others are to come to it.
+/// Reads the stored response of a loop: lines `plot TITLE`, each followed by lines `curve NAME UNIT t y t y …`, or
+/// `reference …` for references.
 fn read(text: &str) -> Vec<Plot> {
     let mut plots: Vec<Plot> = Vec::new();
     for line in text.lines() {
@@ -211,11 +211,11 @@ fn push_axes(page: &mut String, (low, high): (f64, f64), end: f64, x: impl Fn(f6
     }
 }
 
-/// Colours of curves, and whether they are dashed. References are, in the colour of what follows them where there are
-/// several.
+/// Colours of curves, and true for dashed ones. References are dashed; if there are several followers, each reference
+/// has the colour of its follower.
 fn styles(curves: &[Curve]) -> Vec<(usize, bool)> {
     let several = curves.iter().filter(|curve| !curve.is_reference).count() > 1;
-    // In a plot that begins with a reference each stands before what comes to it.
+    // In a plot that begins with a reference, each reference is before its follower.
     let behind = usize::from(!curves.first().is_some_and(|curve| curve.is_reference));
     let (mut styles, mut next) = (Vec::new(), 0);
     for curve in curves {

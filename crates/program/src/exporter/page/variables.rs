@@ -1,4 +1,4 @@
-//! Tables of a unit's variables.
+//! Tables of an FMU's variables.
 
 use std::fmt::Write;
 
@@ -51,12 +51,12 @@ fn push(page: &mut String, handed: &Handed, causalities: &[(&str, &str)]) {
     }
 }
 
-/// The unit of a variable; empty where it has none, or is a plain number.
+/// The unit of a variable; empty if it has none.
 pub fn unit_of(variable: &Variable) -> &str {
     variable.unit.as_deref().unwrap_or_default()
 }
 
-/// What values are allowed.
+/// The allowed values.
 pub fn allowed(variable: &Variable) -> String {
     if !variable.items.is_empty() {
         return variable.items.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
@@ -73,7 +73,7 @@ pub fn allowed(variable: &Variable) -> String {
     }
 }
 
-/// A value of a variable in few characters: an item's name, a number without what says nothing.
+/// A short text for a value of a variable: an item's name, or a number without needless digits.
 pub fn figure(variable: &Variable, text: Option<&str>) -> String {
     let text = text.unwrap_or_default();
     if let Some((name, _)) = variable.items.iter().find(|(_, item)| item.to_string() == text) {

@@ -1,5 +1,5 @@
-//! What a unit is connected to: in the loop of this package that has it, within itself where it is a whole loop, or in
-//! any loop, by what its kind does there.
+//! Connections of an FMU: in the loop of this package that has it, inside itself if it is a composite, or in any loop
+//! by the role of its kind.
 
 use super::{Handed, Part as OwnPart};
 use crate::catalogue::Role;
@@ -10,14 +10,14 @@ use crate::model::Description;
 use crate::model_description::xml::parse;
 use crate::model_description::{child, elements};
 
-/// What connections are taken from.
+/// Source of the connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum From {
     /// A loop of this package, by its name.
     Loop(&'static str),
-    /// The unit, which is a loop itself; that of this package that it is.
+    /// The FMU, which is a composite; with the name of its loop if that is of this package.
     Itself(Option<&'static str>),
-    /// What its kind does in a loop.
+    /// The role of its kind in a loop.
     Kind,
 }
 
@@ -26,22 +26,22 @@ pub enum From {
 pub struct Part {
     /// Its name in the loop.
     pub name: String,
-    /// What it is: its FMU, or its kind.
+    /// Name of its FMU, or title of its kind.
     pub title: String,
-    /// What it does there.
+    /// Its role there.
     pub role: Option<Role>,
-    /// True if it is the unit, or a part of it.
+    /// True if it is the FMU of the page, or a part of it.
     pub is_own: bool,
-    /// True if any will do.
+    /// True if it stands for any FMU of its role.
     pub is_any: bool,
 }
 
 /// The connections from one block to another, pin by pin.
 #[derive(Debug, Clone)]
 pub struct Link {
-    /// Where the values come from.
+    /// Block of the outputs.
     pub from: usize,
-    /// Where they go.
+    /// Block of the inputs.
     pub to: usize,
     /// Names of outputs and inputs.
     pub pairs: Vec<(String, String)>,
@@ -50,7 +50,7 @@ pub struct Link {
 /// Blocks and connections.
 #[derive(Debug, Clone)]
 pub struct Wiring {
-    /// Where they are from.
+    /// Their source.
     pub from: From,
     /// Blocks.
     pub parts: Vec<Part>,
@@ -59,7 +59,7 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// That of a unit.
+    /// The wiring of an FMU.
     pub fn of(handed: &Handed) -> Wiring {
         if !handed.parts.is_empty() {
             return within(handed);
@@ -67,7 +67,7 @@ impl Wiring {
         shipped(handed).unwrap_or_else(|| by_kind(handed))
     }
 
-    /// The loop of this package that it is, or is taken from.
+    /// The loop of this package that is shown.
     pub fn loop_name(&self) -> Option<&'static str> {
         match self.from {
             From::Loop(name) => Some(name),
@@ -105,7 +105,7 @@ fn role(model: &str) -> Option<Role> {
     library::find(model).map(|entry| entry.role)
 }
 
-/// In the first loop of this package that has the unit and doesn't end in a failure; none where it isn't of this package.
+/// Wiring in the first loop of this package with the FMU and without an expected failure; none if there is none.
 fn shipped(handed: &Handed) -> Option<Wiring> {
     let name = &handed.unit.name;
     handed.entry?;
@@ -149,7 +149,7 @@ fn read(of: &'static str, text: &str, own: &str) -> Option<Wiring> {
     Some(wiring)
 }
 
-/// Within a whole loop.
+/// Wiring inside a composite.
 fn within(handed: &Handed) -> Wiring {
     let block = |part: &OwnPart| Part {
         name: part.name.to_owned(),
@@ -171,7 +171,7 @@ fn within(handed: &Handed) -> Wiring {
     wiring
 }
 
-/// In any loop: each pin is connected to a unit that gives or takes such a signal.
+/// Wiring in any loop: each pin is connected to a block that has such a signal.
 fn by_kind(handed: &Handed) -> Wiring {
     let own = Part {
         name: handed.unit.name.clone(),
@@ -184,7 +184,7 @@ fn by_kind(handed: &Handed) -> Wiring {
     let mut wiring = Wiring::new(From::Kind, vec![own]);
     let has_state = handed.pins.iter().any(|(pin, _)| !pin.is_input && pin.declared.starts_with("x["));
     for (pin, role) in &handed.pins {
-        // A controller takes the state where there is one.
+        // A controller takes the state if there is one.
         let is_spare = *role == Some(Role::Plant) && has_state && pin.declared.starts_with('y');
         let Some(partner) = partner(pin, *role).filter(|_| is_known && !is_spare) else { continue };
         let name = format!("{partner:?}").to_lowercase();
@@ -203,7 +203,7 @@ fn by_kind(handed: &Handed) -> Wiring {
     wiring
 }
 
-/// What the unit does that a pin is connected to.
+/// Role of the block that a pin is connected to.
 fn partner(pin: &Pin, role: Option<Role>) -> Option<Role> {
     let role = role.filter(|_| pin.group != Group::Other)?;
     Some(match (role, pin.group) {
@@ -219,7 +219,7 @@ fn partner(pin: &Pin, role: Option<Role>) -> Option<Role> {
     })
 }
 
-/// Pins of the unit, or of one of its parts, in few words; those that are connected, or the others.
+/// Short names of the pins of the FMU or one of its parts: the connected ones, or the others.
 pub fn shown(handed: &Handed, wiring: &Wiring, part: usize, inputs: bool, connected: bool) -> Vec<String> {
     let block = &wiring.parts[part];
     let is_whole = !handed.parts.is_empty();
