@@ -239,7 +239,7 @@ impl Fmu {
     /// An instance for co-simulation.
     ///
     /// # Errors
-    /// When it is not for that, its library lacks a function, or refuses.
+    /// If it is not for that, its library lacks a function, or refuses.
     pub fn instantiate(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
         self.instantiate_for_steps(name, false)
     }
@@ -260,7 +260,7 @@ impl Fmu {
     /// An instance for model exchange.
     ///
     /// # Errors
-    /// When it is not for that, its library lacks a function, or refuses.
+    /// If it is not for that, its library lacks a function, or refuses.
     pub fn instantiate_for_exchange(self: &Arc<Self>, name: &str) -> Result<Instance, Error> {
         let place = self.exchange.as_ref().ok_or(NOT_FOR_EXCHANGE);
         let place = place.and_then(|place| place.as_ref().map_err(String::as_str));

@@ -59,7 +59,7 @@ struct Check<'a> {
 /// Checks a loop against the descriptions of its components' FMUs, one each, in their order.
 ///
 /// # Errors
-/// What doesn't fit, by name and line.
+/// If something doesn't fit, with its name and line.
 pub fn check(structure: &Structure, descriptions: &[&ModelDescription], circles: Circles) -> Result<Wiring, Error> {
     let check = Check { structure, descriptions };
     check.connectors()?;

@@ -18,7 +18,7 @@ const LARGEST_RATIO: f64 = 1e100;
 pub struct IdealModel {
     /// Name of its output.
     pub name: String,
-    /// Its input, `unit.variable`.
+    /// Its input, `component.variable`.
     pub input: String,
     /// Coefficients, highest power first.
     pub numerator: Vec<f64>,

@@ -146,7 +146,7 @@ impl LoopFiles {
     /// The loop.
     ///
     /// # Errors
-    /// What is wrong, with its file and line.
+    /// If something is wrong, with its file and line.
     pub fn structure(&self) -> Result<Structure, Error> {
         Structure::read(self)
     }

@@ -19,7 +19,7 @@ const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
 /// Reads a parameter set.
 ///
 /// # Errors
-/// What is wrong, with its line.
+/// If something is wrong, with its line.
 fn read_set(text: &str, file: &Path) -> Result<Vec<StartValue>, Error> {
     let document = parse(text, file)?;
     Reader::new(&document, file).parameter_set(document.root_element(), &[])
@@ -197,8 +197,8 @@ impl Structure {
         self.apply(read_set(&text, &file)?)
     }
 
-    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU of only one. A name without
-    /// a dot is a parameter of the composite.
+    /// Sets a start value from `UNIT.variable=value`, where UNIT is a component, or an FMU that only one has. A name
+    /// without a dot is a parameter of the composite.
     ///
     /// # Errors
     /// If the text has another form, or UNIT isn't there.

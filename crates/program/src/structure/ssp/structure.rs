@@ -28,7 +28,7 @@ impl Structure {
     /// Reads a loop and the parameter files that it names.
     ///
     /// # Errors
-    /// What is wrong, with its file and line.
+    /// If something is wrong, with its file and line.
     pub fn read(files: &LoopFiles) -> Result<Self, Error> {
         Structure::parse(&files.structure_text()?, files)
     }
@@ -36,7 +36,7 @@ impl Structure {
     /// Reads a loop of existing files from another text than their own.
     ///
     /// # Errors
-    /// What is wrong, with its file and line.
+    /// If something is wrong, with its file and line.
     pub fn parse(text: &str, files: &LoopFiles) -> Result<Self, Error> {
         let file = files.structure_file();
         let document = parse(text, &file)?;
