@@ -183,7 +183,7 @@ fn what_has_no_name_of_another_or_does_not_fit_is_left_to_a_person() {
     assert!(text.contains(candidate), "{text}");
     // What is to be measured of it can't be known: speeds in other units are not subtracted.
     assert!(
-        text.contains("TO DECIDE: what is to follow which reference?") && !text.contains("minus=\"reference.speed")
+        text.contains("TO DECIDE: which signal follows which reference?") && !text.contains("minus=\"reference.speed")
     );
     // What doesn't fit is refused once it is uncommented, and not before.
     assert_eq!(ran(path, &[".", "--until", "0.001"])["ended"], "complete");

@@ -29,12 +29,12 @@ impl Group {
     /// Name and description of its terminal; none if its pins have none.
     pub fn terminal(self) -> Option<(&'static str, &'static str)> {
         match self {
-            Group::Reference => Some(("reference", "what is to be followed, with its derivatives")),
-            Group::Measurement => Some(("measurement", "what is measured of the plant")),
-            Group::Measured => Some(("measured", "what is measured of the plant, as it comes from there")),
+            Group::Reference => Some(("reference", "reference with its derivatives")),
+            Group::Measurement => Some(("measurement", "measurements of the plant")),
+            Group::Measured => Some(("measured", "outputs of the plant that are measured")),
             Group::Estimate => Some(("estimate", "estimate of the plant's state")),
-            Group::Control => Some(("control", "what acts on the plant")),
-            Group::Command => Some(("command", "what the controller commands")),
+            Group::Control => Some(("control", "controls of the plant")),
+            Group::Command => Some(("command", "commands of the controller")),
             Group::Other => None,
         }
     }

@@ -349,7 +349,7 @@ impl Instance3 {
         // SAFETY: as of `call`.
         let (answer, values) = unsafe { self.read(binary, group.of, &group.references, group.size)? };
         if answer >= DISCARD {
-            return Err("one element of an array was to be set, and the others can't be read".to_owned());
+            return Err("one element of an array can't be set because the others can't be read".to_owned());
         }
         Ok(values)
     }

@@ -156,7 +156,7 @@ fn why(error: &dyn std::error::Error) -> String {
     }
     let folder = std::env::temp_dir();
     format!(
-        "{reason}. So it is where {} is mounted noexec: set TMPDIR to a folder on a file system that allows programs",
+        "{reason}. This happens if {} is mounted noexec. Set TMPDIR to a folder on a file system that allows programs",
         folder.display()
     )
 }

@@ -97,7 +97,7 @@ impl<'a> Watch<'a> {
     pub fn point(&mut self, time: f64, row: &[f64]) -> bool {
         let lost = self.signals.outputs.iter().map(|&place| row[place].abs());
         if let Some(value) = lost.filter(|value| *value > self.plant.envelope).reduce(f64::max) {
-            return self.fail(time, format!("an output of the plant is lost, at {}", number(value)));
+            return self.fail(time, format!("an output of the plant is outside its envelope, at {}", number(value)));
         }
         let span = self.last.as_ref().map_or(0.0, |(before, _)| time - before);
         let is_judged = time >= self.settled;
@@ -109,7 +109,8 @@ impl<'a> Watch<'a> {
                 self.outcome.worst[k] = self.outcome.worst[k].max(error);
                 if error > limit {
                     let name = &self.plant.errors[k][0];
-                    return self.fail(time, format!("`{name}` is off by {}, more than {limit}", number(error)));
+                    return self
+                        .fail(time, format!("the error of `{name}` is {}, above its limit {limit}", number(error)));
                 }
             }
         }

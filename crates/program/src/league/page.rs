@@ -18,23 +18,23 @@ use crate::figures::{still, still_ending};
 use crate::results::four_digits;
 
 const OWN_STYLE: &str = "
-  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
-  h3 { font-size: 1em; margin: 1.2em 0 .3em; }
+  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: 0.6em; }
+  h3 { font-size: 1em; margin: 1.2em 0 0.3em; }
   td small { color: #555; display: block; }
-  td, th { padding-right: .9em; }
+  td, th { padding-right: 0.9em; }
   .good { color: #006b3c; }
   .panels { display: block; width: 100%; max-width: 70em; height: auto; margin: 1em 0; }
   .panels text { font-size: 12px; fill: #333; }
   .panels .title { font-weight: bold; }
   .panels .frame { fill: none; stroke: #aaa; }
-  .panels .interval { stroke: #0072b2; stroke-width: 2.5; stroke-opacity: .45; }
+  .panels .interval { stroke: #0072b2; stroke-width: 2.5; stroke-opacity: 0.45; }
   .panels .mark { fill: #0072b2; }
   .panels .open { fill: #fff; stroke: #0072b2; stroke-width: 2; }
   .panels .none { fill: #b00020; }
   .tree { max-width: 70em; padding-left: 1.2em; border-left: 2px solid #ccc; list-style: none; }
-  .tree li { margin: .7em 0; }
+  .tree li { margin: 0.7em 0; }
   .tree small { color: #555; display: block; }
-  dt { font-weight: bold; margin-top: .6em; }
+  dt { font-weight: bold; margin-top: 0.6em; }
   @media print { h2 { break-before: page; } }
 ";
 
@@ -79,7 +79,8 @@ fn push_advice(page: &mut String, lines: &[Measured]) {
         return;
     }
     page.push_str(
-        "<h2 id=\"advice\">Which to take</h2>\n<p>Take the first branch that fits, and go on within it.</p>\n",
+        "<h2 id=\"advice\">Which controller to choose</h2>\n<p>Follow the first branch that applies, then its \
+         sub-branches.</p>\n",
     );
     push_branches(page, lines);
 }
@@ -126,7 +127,7 @@ fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
     page.push_str("<h3>Tuned gains</h3>\n<dl>\n");
     for record in records {
         let Some(gains) = &record.gains else { continue };
-        let told = if gains.values.is_empty() { "as it is".to_owned() } else { gains.told() };
+        let told = if gains.values.is_empty() { "none to tune".to_owned() } else { gains.told() };
         let (before, after) = (four_digits(gains.before), four_digits(gains.after));
         let told = escaped(&format!("{told} (cost {before} before, {after} after {} runs)", gains.runs));
         let computed = record.computed.as_ref().map_or(String::new(), |day| format!(" on {}", escaped(day)));

@@ -278,7 +278,7 @@ fn source(structure: &Structure, parts: Vec<Value>, (start, about): (Table, Tabl
     let mut description = about;
     description.insert("name".to_owned(), Value::String(name.clone()));
     description.insert("model".to_owned(), Value::String(Kind::COMPOSITE.name.to_owned()));
-    description.insert("description".to_owned(), Value::String(format!("{}, as one unit", structure.description)));
+    description.insert("description".to_owned(), Value::String(format!("{}, as a single FMU", structure.description)));
     description.insert("experiment".to_owned(), Value::Table(experiment.into_iter().collect()));
     description.insert("structure".to_owned(), Value::Table(inside));
     description.insert("start".to_owned(), Value::Table(start));

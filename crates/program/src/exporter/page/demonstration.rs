@@ -189,7 +189,7 @@ impl Recorded {
                 write!(how, ": {input} steps to {} and to {}", short(about + size), short(about - 0.5 * size))
             }
             Stimulus::Sine => write!(how, ": {input} is a sine of amplitude {}", short(size)),
-            Stimulus::Turns => write!(how, ": {input} turns evenly and wraps at {}", short(size)),
+            Stimulus::Turns => write!(how, ": {input} turns at a constant rate and wraps at {}", short(size)),
         };
         if !example.is_empty() {
             let values: Vec<_> = example.lines().map(|line| format!("<code>{}</code>", escaped(line))).collect();

@@ -56,8 +56,8 @@ pub fn push_gains(page: &mut String, handed: &Handed) {
     if !rows.is_empty() {
         let _ = writeln!(
             page,
-            "<h2 id=\"gains\">What to set first</h2>\n<div class=\"scroll wide\"><table>\n<tr><th>parameter<th>what \
-             it does<th>start value<th>unit<th>allowed\n{rows}</table></div>"
+            "<h2 id=\"gains\">Main parameters</h2>\n<div class=\"scroll wide\"><table>\n<tr><th>parameter<th>effect\
+             <th>start value<th>unit<th>allowed\n{rows}</table></div>"
         );
     }
 }

@@ -35,7 +35,7 @@ fn rows(plant: &NominalPlant) -> Vec<Row> {
         rows.push(("delay", each(&plant.delay), "s", told("dead time of the inputs")));
     }
     if let Some(bandwidth) = plant.bandwidth {
-        rows.push(("bandwidth", bandwidth.into(), "rad/s", told("bandwidth that the design was asked for")));
+        rows.push(("bandwidth", bandwidth.into(), "rad/s", told("requested bandwidth of the design")));
     }
     if let Some(reference) = &plant.reference {
         rows.push(("reference", each(reference), "", told("usual magnitude of the reference")));
@@ -49,7 +49,7 @@ fn uncertainty(uncertainty: &Uncertainty) -> Vec<Row> {
     match uncertainty {
         Uncertainty::Unknown => Vec::new(),
         Uncertainty::Part(part) => {
-            let note = "uncertainty of each entry of A and B, as a part of it";
+            let note = "relative uncertainty of each entry of A and B";
             vec![("uncertainty", (100.0 * part).into(), "%", note.to_owned())]
         }
         Uncertainty::Elements { A, B } => {

@@ -173,7 +173,7 @@ fn push_plot(page: &mut String, plot: &Plot) {
     }
     if is_cut {
         let [low, high] = [full.0, full.1].map(|value| number(format!("{value:.2e}").parse().unwrap_or(value)));
-        let _ = writeln!(page, "<div>At the start it goes from {low} to {high}: cut off here.</div>");
+        let _ = writeln!(page, "<div>At the start the curves range from {low} to {high} (cut off here).</div>");
     }
     page.push_str("</figure>\n");
 }

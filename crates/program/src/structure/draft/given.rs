@@ -66,7 +66,7 @@ fn signals(units: &[DraftUnit], names: &[String], shown: &str, causality: &str) 
     }
     let known: Vec<_> = wanted().map(|(_, variable)| variable.name.as_str()).collect();
     let reason = match variables().find(|(_, variable)| variable.name == name) {
-        Some((_, variable)) => format!("is no {causality} of {component}, it has the causality {}", variable.causality),
+        Some((_, variable)) => format!("is no {causality} of {component}; its causality is {}", variable.causality),
         None => format!("is no {causality} of {component}"),
     };
     Err(Error::Argument(Invalid::new(OPTION, shown, format!("{reason}; {}", near::choice(name, &known, "")))))

@@ -139,14 +139,14 @@ fn closed_loop(draft: &Draft) -> Vec<String> {
     let mut lines = vec![format!("<ClosedLoop name=\"{}\">", attribute(&draft.name))];
     lines.push(format!("  <Master step=\"{:?}\" order=\"gauss-seidel\"/>", draft.step));
     if pairs.is_empty() {
-        lines.push("  <!-- TO DECIDE: what is to follow which reference? A metric of it, for example: -->".to_owned());
+        lines.push("  <!-- TO DECIDE: which signal follows which reference? Example of a metric: -->".to_owned());
         lines.push(
             "  <!-- <Metric label=\"rms error\" statistic=\"rms\" of=\"plant.y\" minus=\"reference.r\"/> -->"
                 .to_owned(),
         );
     } else {
         lines.push(
-            "  <!-- from=\"1.5\" leaves out what is before that time, in s; limit=\"0.1\" is what passes -->"
+            "  <!-- from=\"1.5\": start of the evaluation in s; limit=\"0.1\": largest value that passes -->"
                 .to_owned(),
         );
     }

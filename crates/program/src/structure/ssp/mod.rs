@@ -251,7 +251,7 @@ impl Structure {
         for unit in units {
             let Some(place) = self.components.iter().position(|component| component.name == *unit) else {
                 let known = self.components.iter().map(|component| component.name.as_str());
-                return Err(Error::unknown("unit", unit, known, ""));
+                return Err(Error::unknown("component", unit, known, ""));
             };
             self.components.remove(place);
             self.connections.retain(|connection| connection.from.0 != *unit && connection.to.0 != *unit);

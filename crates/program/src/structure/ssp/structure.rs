@@ -156,7 +156,9 @@ impl Reader<'_> {
     /// A linear transformation.
     pub fn linear(&self, node: Node) -> Result<Affine, Error> {
         if node.tag_name().name() != "LinearTransformation" {
-            return Err(self.refuse(node, &format!("a {} can't be read: only linear ones", node.tag_name().name())));
+            return Err(
+                self.refuse(node, &format!("a {} can't be read. Use LinearTransformation", node.tag_name().name()))
+            );
         }
         Ok(Affine { factor: self.number_or(node, "factor", 1.0)?, offset: self.number_or(node, "offset", 0.0)? })
     }

@@ -65,7 +65,7 @@ impl Reader<'_> {
                     self.collect(element, &path, depth + 1, (units, files), system)?;
                 }
                 kind => {
-                    let reason = format!("a {kind} among the elements can't be read: only components and systems");
+                    let reason = format!("a {kind} among the elements can't be read. Use components and systems");
                     return Err(self.refuse(element, &reason));
                 }
             }
