@@ -122,7 +122,7 @@ impl<'a> Units<'a> {
         }
     }
 
-    /// Author, license and the like, if all components agree.
+    /// Author, version, license and copyright, each if all components agree.
     fn about(&self) -> Table {
         let said = |key: &str| {
             let mut texts = self.of.iter().map(|unit| unit.described.about.iter().find(|(known, _)| *known == key));
@@ -259,7 +259,7 @@ pub fn check_values(structure: &Structure, library: &Library) -> Result<(), Erro
     })
 }
 
-/// The modelDescription of an FMU, as a master would read it.
+/// The model description of an FMU, as a master would read it.
 fn fmu_description(source: &Source, library: &Library) -> Result<ModelDescription, Error> {
     let xml = describe(source, library)?.0.model_description;
     ModelDescription::read(&xml).map_err(|reason| Error::Description { file: source.file.clone(), reason })

@@ -131,7 +131,7 @@ pub fn html(handed: &Handed) -> String {
     page
 }
 
-/// Author, copyright and license of the FMU, in a line.
+/// Author, version, license and copyright of the FMU, in a line.
 fn about(xml: &ModelDescription) -> String {
     let texts = xml.about.iter().map(|(key, text)| match *key {
         "author" => format!("By {}", escaped(text)),
