@@ -15,7 +15,7 @@ import pytest
 from conftest import PROGRAM, ROOT
 
 WORDS = tomllib.loads((ROOT / "tests" / "words.toml").read_text())
-NUMBER = re.compile(r"(?<![\w.\\/{}\])*-])\.\d")
+NUMBER = re.compile(r"(?<![\w.\\/{}\])*:%-])\.\d")
 # The first line of a doc comment, of an item or a file.
 BEGINS = re.compile(r"^(?! *//[/!]).*\n *//[/!] (?:What|Whether|Of)\b|\A//! (?:What|Whether|Of)\b", re.M)
 FENCE = re.compile(r"^```.*?^```$|\$\$.*?\$\$|`[^`\n]*`", re.S | re.M)
@@ -53,8 +53,9 @@ SOURCES = files("crates/*/src/**/*.rs", "src/**/*.rs", "plants/**/*.rs")
 
 
 def comments(text: str) -> str:
-    """The comments and the texts of a source."""
-    return "\n".join(re.findall(r"//.*$|#.*$|\"(?:[^\"\\]|\\.)*\"", text, re.M))
+    """The comments and the texts of a source, without the code that stands between the braces of a text."""
+    found = re.findall(r"//.*$|#.*$|\"(?:[^\"\\]|\\[\s\S])*\"", text, re.M)
+    return "\n".join(part if part[0] in "/#" else re.sub(r"\{[\w:.#?$<>^+*,-]*\}", "", part) for part in found)
 
 
 def places() -> dict[str, dict[str, str]]:
