@@ -1,6 +1,6 @@
 //! Bytes as text, as RFC 4648 has it.
 
-/// By the usual digits, with padding (section 4): data in a script.
+/// Usual digits with padding (section 4), for data in a script.
 #[cfg(not(target_family = "wasm"))]
 #[must_use]
 pub fn padded(bytes: &[u8]) -> String {
@@ -9,13 +9,13 @@ pub fn padded(bytes: &[u8]) -> String {
     text + &"=".repeat(missing)
 }
 
-/// By digits that paths and addresses allow, without padding (section 5): checksums in a wheel's record.
+/// Digits that paths and addresses allow, without padding (section 5), for checksums in a wheel's record.
 #[must_use]
 pub fn of_paths(bytes: &[u8]) -> String {
     digits(bytes, [b'-', b'_'])
 }
 
-/// Without padding; `last` are the two digits that differ.
+/// Digits without padding; `last` are the two that differ.
 fn digits(bytes: &[u8], last: [u8; 2]) -> String {
     const DIGITS: &[u8; 62] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789";
     let digit = |value: u32| {

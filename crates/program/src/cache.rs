@@ -1,7 +1,6 @@
-//! What takes long to make and follows from other things alone is kept in the user's cache folder, by checksums of what it
-//! follows from: whoever has the same finds it. Nothing depends on it: where it can't be read or written, things are made
-//! anew. What lies there is loaded and run, so the folder must be the user's alone; and a file that was damaged is noticed by
-//! a checksum when it is read.
+//! Cache of files that take long to generate, in the user's cache folder. Checksums of its inputs name a file, so that
+//! the same inputs find it. Nothing depends on the cache: files that can't be read are generated again. They are loaded
+//! and executed, so only the user may be able to write to the folder. A checksum detects damaged files.
 
 #[cfg(unix)]
 mod trusted;
@@ -18,13 +17,13 @@ use sha2::{Digest, Sha256};
 
 use crate::begun;
 
-/// The folder, in place of that in the user's cache folder; where it is empty, nothing is kept.
+/// Variable that names another cache folder; empty for no cache.
 pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
-/// So many files are kept; the oldest go.
+/// The most files in the cache; the oldest are removed first.
 const MOST_KEPT: usize = 500;
 /// A library stays for so long after a program began that loads it.
 const RECENT: Duration = Duration::from_secs(3600);
-/// What a process that was killed left unfinished goes after this time.
+/// Age at which an unfinished file of a killed process is removed.
 const UNFINISHED: Duration = Duration::from_secs(3600);
 /// Number of the form of the files; those of other forms have other names.
 const FORM: &[u8] = b"2";
@@ -44,18 +43,18 @@ type Seen = (PathBuf, usize, SystemTime);
 /// Checksums of files.
 static KNOWN: Mutex<Option<HashMap<Seen, Checksum>>> = Mutex::new(None);
 
-/// What a user should know of the cache.
+/// Troubles with the cache that concern the user.
 static TROUBLE: Mutex<Trouble> = Mutex::new(Trouble { untrusted: None, is_told: false, damaged: BTreeSet::new() });
 
 struct Trouble {
-    /// Why the folder isn't used.
+    /// Reason why the folder isn't used.
     untrusted: Option<String>,
     is_told: bool,
     /// Files that are made anew.
     damaged: BTreeSet<PathBuf>,
 }
 
-/// What a user should know of the cache that wasn't told yet, a line each.
+/// Troubles with the cache that weren't reported yet, one line each.
 pub fn trouble() -> Vec<String> {
     let mut found = TROUBLE.lock().unwrap_or_else(PoisonError::into_inner);
     let mut lines = Vec::new();
@@ -83,7 +82,7 @@ pub(crate) fn digest(bytes: &[u8]) -> Checksum {
     Sha256::digest(bytes).into()
 }
 
-/// Of a file that holds so many bytes: what is known already, else what this gives.
+/// Returns the known checksum of a file of this size, otherwise computes it.
 pub(crate) fn known_or(file: &Path, size: usize, otherwise: impl FnOnce() -> Checksum) -> Checksum {
     let Some(modified) = fs::metadata(file).ok().and_then(|found| found.modified().ok()) else { return otherwise() };
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
@@ -97,7 +96,7 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// For what follows from these parts, with an extension; nothing where nothing is to be kept, or can be.
+    /// The entry for these parts, with an extension; none without a usable cache folder.
     pub fn of(extension: &str, parts: &[&[u8]]) -> Option<Self> {
         let folder = folder()?;
         begun::restore_mask();
@@ -112,12 +111,12 @@ impl Entry {
         Some(Entry { file: folder.join(name).with_extension(extension) })
     }
 
-    /// Where it is, when it is there.
+    /// Its file, which may not exist yet.
     pub fn file(&self) -> &Path {
         &self.file
     }
 
-    /// What was [written](Entry::write) there, whole.
+    /// The [written](Entry::write) content, if it is whole.
     pub fn read(&self) -> Option<Vec<u8>> {
         let mut bytes = self.bytes()?;
         let content = bytes.split_off(bytes.len().min(LENGTH));
@@ -173,7 +172,7 @@ impl Entry {
         }
     }
 
-    /// The file isn't what was put there: the user is told, and it is made anew.
+    /// Notes that the file is damaged: a warning names it, and it is generated again.
     pub fn note_damage(&self) {
         TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).damaged.insert(self.file.clone());
     }
@@ -294,7 +293,7 @@ mod tests {
         assert!(!nowhere.holds(&library) && !is_damaged(&nowhere));
     }
 
-    /// True if a user is told so, once.
+    /// True if the file was noted as damaged; it is no longer noted then.
     fn is_damaged(entry: &Entry) -> bool {
         TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).damaged.remove(&entry.file)
     }

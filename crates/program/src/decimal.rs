@@ -9,7 +9,7 @@ const SEVERAL: usize = 16;
 const PARTS: f64 = (1_u64 << 30) as f64;
 const LARGE: f64 = 1e15;
 
-/// Appends a number as `{}` writes it: with as few digits as tell it from all others, and without an exponent.
+/// Appends a number as `{}` writes it: with the fewest digits that identify it, and without an exponent.
 pub fn push(text: &mut String, number: f64) {
     let mut buffer = zmij::Buffer::new();
     let short = buffer.format(number);

@@ -15,12 +15,12 @@ use crate::system::NO_LIMIT;
 /// The usual change of an input or a start value: this part of its magnitude, or of half its range, else of its nominal
 /// value, else of 1, whichever is largest.
 pub(super) const CHANGE: f64 = 1e-2;
-/// How far a start value may be from what was set, relative to its change.
+/// Largest deviation of a start value from the value that was set, relative to its change.
 const TAKEN: f64 = 1e-6;
 /// Communication steps for which a unit that begins at an operating point is compared with one that came there.
 const COMPARED: usize = 10;
 
-/// What experiments are made with.
+/// Subject of the experiments.
 pub(super) trait Subject {
     /// Sizes.
     fn shape(&self) -> Shape;
@@ -76,7 +76,7 @@ impl<'a> Bench<'a> {
         simulated(prepared(instance, self.point, self.start, self.time)?, self.start, self.time, self.step())
     }
 
-    /// An instance that begins at a time with start values beside those of the operating point.
+    /// An instance that begins at a time with start values that add to those of the operating point.
     fn begun(&self, time: f64, values: &[(&Variable, f64)]) -> Result<Instance, Error> {
         let instance = self.fmu.instantiate(&self.fmu.description.name)?;
         set_starts(&instance, &self.point.start)?;
@@ -90,7 +90,8 @@ impl<'a> Bench<'a> {
         if self.time > self.start { values.collect() } else { Vec::new() }
     }
 
-    /// The variable that sets the start value of each state: itself, where its description says so, else a parameter.
+    /// The variable that sets the start value of each state: the state if its description allows it, otherwise a
+    /// parameter.
     fn settable(&self) -> Result<Vec<Option<&'a Variable>>, Error> {
         let is_settable = |variable: &Variable| {
             variable.initial.as_deref() == Some("exact") && variable.start.is_some() && variable.kind == "Real"

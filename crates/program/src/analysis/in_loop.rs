@@ -11,7 +11,7 @@ use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Component, Settings, Structure};
 use crate::system::Choice;
 
-/// With twice as many steps outputs may differ by so much, in parts of the largest of each.
+/// Largest change of outputs when the number of steps doubles, in parts of the largest value of each.
 const APART: f64 = 1e-3;
 /// The most steps that are tried.
 const MOST: u32 = 4096;

@@ -25,7 +25,7 @@ pub struct Quantity {
     pub name: String,
     /// Unit.
     pub unit: Option<String>,
-    /// What it is, as the FMU says it.
+    /// The FMU's description of it.
     pub description: String,
     /// Value.
     pub value: f64,
@@ -38,7 +38,7 @@ pub struct Linearisation {
     pub name: String,
     /// Time, s.
     pub time: f64,
-    /// How it was found.
+    /// Method that found it.
     pub method: Method,
     /// The search for the operating point, if there was one.
     pub trim: Option<Trim>,

@@ -34,7 +34,7 @@ const MOVABLE: f64 = 1e-6;
 
 /// Equations r(z) = 0.
 pub(super) trait Equations {
-    /// Why they have no residuals somewhere.
+    /// Reason why they have no residuals somewhere.
     type Error;
 
     /// Residuals at the unknowns, which an event there may change.

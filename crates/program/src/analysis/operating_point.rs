@@ -10,7 +10,7 @@ pub(super) const STEPS: usize = 250;
 /// The most communication steps of an experiment.
 pub(super) const LONGEST: usize = 2 * STEPS + 1;
 
-/// Where an FMU is linearised.
+/// Operating point at which an FMU is linearised.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct OperatingPoint {
     /// Time, s; the start time where none is given.
@@ -49,20 +49,20 @@ impl OperatingPoint {
     }
 }
 
-/// How the matrices were found.
+/// Method that found the matrices.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "by")]
 pub enum Method {
-    /// By the unit's own derivatives.
+    /// The FMU's own derivatives.
     Derivatives,
-    /// By central differences of its equations, in model exchange.
+    /// Central differences of its equations, in model exchange.
     Differences {
-        /// By what part of its magnitude each value was moved.
+        /// Change of each value, in parts of its magnitude.
         part: f64,
     },
-    /// By what small changes of its inputs, and of start values of its states, do in co-simulation.
+    /// Responses to small changes of its inputs, and of start values of its states, in co-simulation.
     Responses {
-        /// By what part of its magnitude or range each of these was changed.
+        /// Change of each of these, in parts of its magnitude or range.
         part: f64,
         /// Number of states whose start values were changed.
         starts: usize,

@@ -7,12 +7,12 @@ use crate::fmu::Instance;
 use crate::model_description::ModelStructure;
 use crate::model_description::{ModelDescription, Variable};
 
-/// How derivatives are found.
+/// Method that finds derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Derivatives {
-    /// By the unit's own, which are exact.
+    /// The FMU's own, which are exact.
     Exact,
-    /// By central differences about the present states and inputs, in model exchange.
+    /// Central differences about the present states and inputs, in model exchange.
     Differences,
 }
 
@@ -30,7 +30,7 @@ pub(super) struct Plan<'a> {
     pub by: Derivatives,
 }
 
-/// How the derivatives of states, and outputs, change with knowns: a column a known.
+/// Slopes of the derivatives of states, and of outputs, with one column a known.
 #[derive(Debug)]
 pub(super) struct Changes {
     pub derivatives: DMatrix<f64>,
@@ -65,7 +65,7 @@ impl<'a> Plan<'a> {
         Plan { inputs: inputs.to_vec(), ..self.clone() }
     }
 
-    /// How they change with the states.
+    /// Slopes with respect to the states.
     pub fn by_states(&self, instance: &Instance) -> Result<Changes, Error> {
         if self.by == Derivatives::Exact {
             return self.exact(instance, &self.states);
@@ -77,7 +77,7 @@ impl<'a> Plan<'a> {
         changes
     }
 
-    /// How they change with the inputs.
+    /// Slopes with respect to the inputs.
     pub fn by_inputs(&self, instance: &Instance) -> Result<Changes, Error> {
         if self.by == Derivatives::Exact {
             return self.exact(instance, &self.inputs);

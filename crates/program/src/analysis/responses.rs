@@ -20,14 +20,14 @@ const WORST_DIFFERENCE: f64 = 1e-2;
 const WORST_EIGENVALUES: f64 = 5e-4;
 /// Two extrapolations that differ by this part of what is allowed are good enough.
 const ENOUGH: f64 = 0.02;
-/// How far an answer may grow before it hides what doesn't grow.
+/// Growth of an answer beyond which it hides what doesn't grow.
 const GROWTH: f64 = 100.0;
-/// Sizes of experiments with inputs that are tried; and where start values told already.
+/// Sizes of experiments with inputs that are tried; fewer are tried after experiments with start values.
 const TRIES: usize = 12;
 const FEW_TRIES: usize = 3;
 /// A unit that fails so often fails for another reason than a large change.
 const MOST_FAILURES: usize = 4;
-/// What doesn't do is tried again with this part of the change.
+/// Factor of the change in the next try after one that failed.
 const SMALLER: f64 = 0.125;
 /// Experiments with start values: communication steps of their halves, and part of the usual change.
 const STARTS: [(usize, f64); 8] =
@@ -46,18 +46,18 @@ struct Tried {
     difference: Difference,
 }
 
-/// Why there is no linear system.
+/// Reason why there is no linear system.
 #[derive(Debug)]
 enum Trouble {
     Unit(Error),
     Unfit(Unfit),
-    /// By how much, and the fit.
+    /// The misfit and its fit.
     Misfit(f64, Box<Fit>),
     Uncertain(Box<Tried>),
 }
 
 impl Tried {
-    /// How much the extrapolations differ, relative to what is allowed.
+    /// Difference of the extrapolations, relative to what is allowed.
     fn excess(&self) -> f64 {
         let Difference { matrices, eigenvalues } = self.difference;
         (matrices / WORST_DIFFERENCE).max(eigenvalues / WORST_EIGENVALUES)
@@ -68,8 +68,8 @@ impl Tried {
         Tried { difference: self.fit.difference(&other.fit), ..self.clone() }
     }
 
-    /// How many steps an experiment with inputs may have, and with what part of the usual change its answer is as large as
-    /// what led to this.
+    /// Number of steps of an experiment with inputs, and part of the usual change with which its answer is as large as
+    /// here.
     fn size_for_inputs(&self) -> (usize, f64) {
         let (n, steps) = (self.fit.sampled.nrows(), longest(self.fit.growth).max(1));
         let mut most: f64 = 1.0;
@@ -101,8 +101,8 @@ impl Tried {
 /// Finds the linear system about the states of a simulation from `start` until `time`.
 ///
 /// # Errors
-/// When the unit fails, what is changed doesn't move all states, what moves is no linear system of these states, or it can't
-/// be told with certainty.
+/// When the FMU fails, the changes don't move all states, the response isn't that of a linear system with these states,
+/// or the result is uncertain.
 pub(super) fn find(
     fmu: &Arc<Fmu>,
     plan: &Plan,
@@ -132,7 +132,7 @@ fn found(subject: &impl Subject) -> Result<(Tried, usize), Trouble> {
         return alone();
     }
     let Ok(by_starts) = by_starts(subject, &[&starts[..], &inputs].concat()) else { return alone() };
-    // A start value may set more than a state, as a load that holds it there: what inputs do tells that.
+    // A start value may affect more than its state, e.g. a load in equilibrium. Experiments with inputs show that.
     let size = by_starts.size_for_inputs();
     match by_inputs(subject, &inputs, size, FEW_TRIES) {
         Ok(by_inputs) if by_starts.with(&by_inputs).excess() > 1.0 || by_inputs.excess() < by_starts.excess() => {
@@ -150,8 +150,8 @@ fn found(subject: &impl Subject) -> Result<(Tried, usize), Trouble> {
     }
 }
 
-/// By start values of states, and inputs: one communication step shows how they move the states. Where a unit's own
-/// tolerance blurs that, more show it better.
+/// Finds the linear system from start values of states, and inputs. One communication step shows how they move the
+/// states; more steps average out the FMU's own tolerance.
 fn by_starts(subject: &impl Subject, moved: &[Moved]) -> Result<Tried, Trouble> {
     let mut best = Best::default();
     for (steps, part) in STARTS {
@@ -162,8 +162,8 @@ fn by_starts(subject: &impl Subject, moved: &[Moved]) -> Result<Tried, Trouble> 
     best.found()
 }
 
-/// By inputs alone. Where the answer grows, long experiments show what grows only, and large ones the limits of the linear
-/// system.
+/// Finds the linear system from inputs only. If the answer grows, long experiments show only what grows, and large ones
+/// the limits of the linear system.
 fn by_inputs(subject: &impl Subject, moved: &[Moved], size: (usize, f64), tries: usize) -> Result<Tried, Trouble> {
     let (mut best, (mut steps, mut part)) = (Best::default(), size);
     let shortest = 4 * (subject.shape().states + subject.shape().inputs);
@@ -190,7 +190,7 @@ fn longest(growth: f64) -> usize {
     if growth > 1.0 && steps < STEPS as f64 { steps as usize } else { STEPS }
 }
 
-/// What was tried.
+/// Fits so far.
 #[derive(Default)]
 struct Best {
     tried: Vec<Tried>,
@@ -222,8 +222,8 @@ impl Best {
         }
     }
 
-    /// The one whose extrapolations differ least. Of many that are uncertain, two may agree by chance: so another one says
-    /// the same.
+    /// Returns the fit whose extrapolations differ least. Of many uncertain ones, two may agree by chance, so another
+    /// fit must confirm it.
     fn found(mut self) -> Result<Tried, Trouble> {
         self.tried.sort_by(|one, other| one.excess().total_cmp(&other.excess()));
         let mut tried = self.tried.into_iter();
@@ -283,7 +283,7 @@ fn told(trouble: &Trouble, plan: &Plan, step: f64) -> String {
     }
 }
 
-/// What a fit is worth.
+/// Quality of a fit in words.
 fn quality(fit: &Fit, step: f64) -> String {
     format!(
         "In a communication step of {step} s its response grows by a factor of {:.4}, and the condition number of \

@@ -12,7 +12,7 @@ const NOTHING: f64 = 1e-6;
 /// Eigenvalues below this part of the largest entry of A can be all zero: those of integrators in a row.
 const ZERO: f64 = 0.1;
 
-/// What an experiment changes.
+/// Change that an experiment makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Moved {
     /// The start value of a state.
@@ -48,7 +48,7 @@ impl Experiment {
 pub(super) struct Shape {
     pub states: usize,
     pub inputs: usize,
-    /// For each output, the state that it is.
+    /// State that each output equals, if any.
     pub outputs: Vec<Option<usize>>,
 }
 
@@ -71,7 +71,7 @@ pub(super) struct Fit {
     pub condition: f64,
 }
 
-/// How far two fits are from each other.
+/// Difference between two fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Difference {
     /// The largest difference of an entry of A, of B, and of C and D, of signals scaled to one size, relative to the largest.
@@ -80,7 +80,7 @@ pub(super) struct Difference {
     pub eigenvalues: f64,
 }
 
-/// Why there is no fit.
+/// Reason why there is no fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Unfit {
     /// No experiment moves a state.
@@ -91,7 +91,7 @@ pub(super) enum Unfit {
     NoLogarithm,
 }
 
-/// What experiments say, one row a communication step.
+/// Data of experiments, one row a communication step.
 struct Rows {
     /// States and inputs at its beginning.
     known: DMatrix<f64>,
@@ -157,7 +157,7 @@ impl Fit {
         })
     }
 
-    /// What halving the changes leads to: the error of a central difference goes with the square of the change.
+    /// Returns the limit of ever smaller changes: the error of a central difference goes with the square of the change.
     pub fn extrapolated(&self, half: &Fit) -> Fit {
         let limit = |whole: &DMatrix<f64>, half: &DMatrix<f64>| (half * 4.0 - whole) / 3.0;
         let rates = cleaned(limit(&self.rates, &half.rates), &half.sizes);
@@ -175,7 +175,7 @@ impl Fit {
         [a, b, c, d]
     }
 
-    /// How far another fit is from this one.
+    /// Returns the difference of another fit from this one.
     pub fn difference(&self, other: &Fit) -> Difference {
         let n = self.rates.nrows();
         // Of states, and of signals, that are scaled to one size: what they are in the experiments.
@@ -264,7 +264,7 @@ fn solved(known: &DMatrix<f64>, wanted: &DMatrix<f64>) -> Result<(DMatrix<f64>, 
     Ok((DMatrix::from_fn(wanted.ncols(), count, |i, j| solution[(j, i)] / sizes[j]), largest / least))
 }
 
-/// How far the sampled system's own answers are from the experiments', relative to the largest of each state.
+/// Returns the error of the sampled system's own answers, relative to the largest of each state.
 pub(super) fn misfit(sampled: &DMatrix<f64>, experiments: &[Experiment]) -> f64 {
     let (n, m) = (sampled.nrows(), sampled.ncols() - sampled.nrows());
     let mut worst: f64 = 0.0;

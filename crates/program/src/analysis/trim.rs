@@ -65,7 +65,7 @@ pub struct Wanted {
 pub struct AtBound {
     /// Name.
     pub name: String,
-    /// That value.
+    /// Value of the bound.
     pub value: f64,
     /// Unit.
     pub unit: Option<String>,

@@ -1,4 +1,4 @@
-//! Checks whether a folder is the user's alone: what lies in the cache is loaded, and runs with the user's rights.
+//! Checks that only the user can write to a folder: the files in the cache are executed with the user's rights.
 
 use std::fs::{self, DirBuilder, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, ErrorKind};

@@ -84,7 +84,7 @@ pub struct Task {
     pub plant: Plant,
     /// True if all states are measured, else only the outputs.
     pub measures_states: bool,
-    /// When the nominal loop is to have settled to 2 %, s.
+    /// Settling time of the nominal loop to 2 %, s.
     pub settling_time: Option<f64>,
     /// Bandwidth, in place of one that follows from the settling time, rad/s.
     pub bandwidth: Option<f64>,
@@ -123,9 +123,9 @@ pub struct Design {
     pub notes: Vec<String>,
     /// Operations of an evaluation of its equations.
     pub operations: usize,
-    /// With the nominal plant.
+    /// Result with the nominal plant.
     pub nominal: Ran,
-    /// With the plants within the uncertainty that are worst for it.
+    /// Results with the plants within the uncertainty that are worst for it.
     pub corners: Vec<(WorstPlant, Ran)>,
     /// Standard deviation of each control at rest, where what is measured has noise.
     pub noise: Option<Vec<f64>>,
@@ -373,7 +373,7 @@ impl Design {
         self.corners.iter().try_fold(nominal, |worst, (_, ran)| Some(worst.or_worse(&followed(ran)?)))
     }
 
-    /// Why it isn't sound; nothing where it is.
+    /// Reason why it isn't sound; none if it is.
     pub fn reason(&self) -> Option<String> {
         if self.is_sound() {
             return None;

@@ -1,4 +1,4 @@
-//! From a plant to the recommended controller: candidates of several kinds, each designed, simulated as FMUs with the nominal
+//! Recommends a controller for a plant. Candidates of several kinds are designed, simulated as FMUs with the nominal
 //! plant and with the worst plants within its uncertainty, and ranked.
 
 mod candidate;

@@ -16,7 +16,7 @@ pub struct Course {
 /// Figures of a step of a reference.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Followed {
-    /// When all outputs stay within 2 % of the step about their ends, s; `None` where they do not.
+    /// Settling time of all outputs to within 2 % of the step about their ends, s; `None` if one doesn't settle.
     pub settling: Option<f64>,
     /// Distance that the output goes beyond its reference, in parts of the step.
     pub overshoot: f64,

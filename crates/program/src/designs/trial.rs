@@ -147,8 +147,8 @@ impl Trial {
         entries.filter_map(|(name, value)| Some((self.place(&name)?, value))).collect()
     }
 
-    /// When a reference steps, s: a communication step late, since a law that starts without a jump would begin with the step;
-    /// 0 where the loop has it start smoothly instead.
+    /// Time of a step of a reference, s. It is one communication step, as a controller that starts without a jump would
+    /// begin at the new reference; 0 in a loop that starts smoothly.
     fn step_time(&self) -> f64 {
         let height = self.place(&format!("{REFERENCE}.step_height[1,1]"));
         let is_smooth = height.is_some_and(|place| self.loaded.given(place).is_some());

@@ -41,14 +41,14 @@ pub struct WorstCase {
     pub tried: usize,
 }
 
-/// What the loop of a description does.
+/// Figures of the loop of a description.
 #[derive(Debug)]
 pub struct Steps {
     /// Steps of the references.
     pub followed: Followed,
     /// Name of each control, and the larger of its limits.
     pub controls: Vec<(String, f64)>,
-    /// How long the loop was run, s.
+    /// Duration of the run, s.
     pub duration: f64,
     /// True if the description has bounds of its plant's entries.
     pub has_others: bool,

@@ -29,7 +29,7 @@ impl Written {
         Ok(Written { folder: folder.to_owned(), files })
     }
 
-    /// With descriptions that lie in the folder above, by the names of their FMUs.
+    /// Adds descriptions from the folder above, by the names of their FMUs.
     #[must_use]
     pub fn beside<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
         self.files.extend(names.into_iter().map(|name| format!("../{name}.toml")));

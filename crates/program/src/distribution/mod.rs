@@ -16,7 +16,7 @@ use crate::texts::START;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 const SUMS: &str = "SHA256SUMS";
-/// What is taken from the source folder, beside its `docs`: what the README links to.
+/// Files that the README links to, in addition to `docs`.
 const TEXTS: [&str; 8] = [
     "README.md",
     "ARCHITECTURE.md",
@@ -27,7 +27,7 @@ const TEXTS: [&str; 8] = [
     "LICENSE-APACHE",
     "LICENSE-MIT",
 ];
-/// What makes a site of `docs`, for which the archive lacks the rest.
+/// Files that build a site of `docs`. They are left out, as the archive lacks the rest of the site.
 const SITE: [&str; 2] = ["docs/requirements.txt", "docs/serve"];
 /// The licences of what the program and its libraries are linked of, on all platforms.
 const LICENCES: &str = "packaging/LICENCES.txt";
@@ -65,7 +65,7 @@ pub fn write(
     Ok(file)
 }
 
-/// What belongs to a program: texts, licences, descriptions and loops.
+/// Files of a program: texts, licences, descriptions and loops.
 fn material(source: &Path) -> Result<Files, Error> {
     let mut files = texts(source)?;
     let licences = read(&source.join(LICENCES))?;
@@ -87,7 +87,7 @@ fn read(file: &Path) -> Result<Vec<u8>, Error> {
     std::fs::read(file).map_err(Error::file(file))
 }
 
-/// What a reader wants, from the source folder.
+/// Texts for readers, from the source folder.
 fn texts(source: &Path) -> Result<Files, Error> {
     let manifest = source.join("Cargo.toml");
     let own = std::fs::read_to_string(&manifest).is_ok_and(|text| text.contains("name = \"adaptive-fmu-models\""));
@@ -110,7 +110,7 @@ fn texts(source: &Path) -> Result<Files, Error> {
     Ok(files)
 }
 
-/// As `sha256sum --check` reads them.
+/// Checksums in the format of `sha256sum --check`.
 fn sums<'a>(files: impl Iterator<Item = (&'a String, &'a Vec<u8>)>) -> String {
     let line = |(path, bytes): (&String, &Vec<u8>)| {
         let digest: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();

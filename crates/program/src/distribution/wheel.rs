@@ -1,5 +1,5 @@
-//! Wheels for pip: the Python package, the program, its libraries for every platform that was built, descriptions, loops and
-//! documentation. What is said of the package is what `pyproject.toml` says (Python's Core metadata 2.4).
+//! Wheels for pip: the Python package, the program, its libraries for every platform that was built, descriptions,
+//! loops and documentation. The metadata of the package is that of `pyproject.toml` (Python's Core metadata 2.4).
 
 use std::path::{Path, PathBuf};
 
@@ -91,7 +91,7 @@ fn project(source: &Path) -> Result<Project, Error> {
     Ok(read.project)
 }
 
-/// The modules of the Python package, and what tells that it is typed.
+/// The modules of the Python package, and the mark that it is typed.
 fn package_files(source: &Path) -> Result<Vec<PathBuf>, Error> {
     let folder = source.join(PACKAGE);
     let entries = std::fs::read_dir(&folder).map_err(Error::file(&folder))?.flatten().map(|entry| entry.path());
@@ -99,7 +99,7 @@ fn package_files(source: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(entries.filter(belongs).collect())
 }
 
-/// What pip calls the platforms that a program runs on.
+/// pip's name of the platforms that a program runs on.
 fn platform_tag(program: &Binary, bytes: &[u8]) -> Result<String, Error> {
     let (processor, system) = program.platform.target();
     let refuse = || {

@@ -14,7 +14,7 @@ const BOTTOM: f64 = 48.0;
 
 /// A curve.
 pub struct Line {
-    /// What is shown where a pointer rests on it.
+    /// Tooltip of the line.
     pub name: String,
     pub colour: String,
     pub points: Vec<(f64, Option<f64>)>,
@@ -66,7 +66,7 @@ impl Axis {
     }
 }
 
-/// Without the rounding of a multiplication.
+/// A value without the rounding of a multiplication.
 fn rounded(value: f64) -> f64 {
     format!("{value:.9e}").parse().unwrap_or(value)
 }

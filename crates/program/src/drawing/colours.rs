@@ -1,7 +1,7 @@
-//! Colours of charts, and of numbers: from dark blue through grey to amber. Their lightness grows all the way, so that people with any
-//! colour vision, and a printer without colours, tell them apart.
+//! Colours of charts, and of numbers: from dark blue through grey to amber. Their lightness grows all the way, so that
+//! people with any colour vision, and readers of a print without colours, can distinguish them.
 
-/// The colours of a curve that is alone, of a limit, and of what is shown for comparison.
+/// Colours of a single curve, of a limit, and of curves for comparison.
 pub const LINE: &str = "rgb(0, 114, 178)";
 pub const LIMIT: &str = "rgb(213, 94, 0)";
 pub const BESIDE: &str = "rgb(60, 60, 60)";

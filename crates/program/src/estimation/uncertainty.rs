@@ -7,9 +7,9 @@ const BLOCKS: usize = 24;
 
 /// Derivatives and residuals of all records, weighted: rows of all outputs, one record after the other.
 pub(super) struct Weighted {
-    /// For each row, outputs × unknowns.
+    /// Derivatives of each row, outputs × unknowns.
     pub derivatives: Vec<DMatrix<f64>>,
-    /// For each row, outputs × 1.
+    /// Residuals of each row, outputs × 1.
     pub residuals: Vec<DMatrix<f64>>,
 }
 

@@ -22,8 +22,8 @@ struct Arrow {
     label: String,
 }
 
-/// The picture as SVG. The units stand in a row as signals pass them; arrows that skip a unit lead over the row, those that
-/// lead back lie beneath it.
+/// The block diagram as SVG. The components form a row in the order of the signals; arrows that skip a component lead
+/// over the row, those that lead back lie beneath it.
 pub(super) fn told(structure: &Structure) -> String {
     let units = row(structure);
     let arrows = arrows(structure, &units);

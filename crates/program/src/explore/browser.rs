@@ -16,11 +16,11 @@ use crate::structure::{LoopFiles, Settings, Structure, Whole};
 /// The loop that the page is of.
 static SESSION: Mutex<Option<Session>> = Mutex::new(None);
 
-/// What a page asks for.
+/// Request of a page.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Asked {
-    /// What it shows of a loop before the first run.
+    /// Data that it shows of a loop before the first run.
     Loop(String),
     Run(Wanted),
     Set(Wanted),
@@ -38,7 +38,7 @@ fn tell(line: &Value) {
     unsafe { take(text.as_ptr(), text.len()) };
 }
 
-/// The checksum of what this was made of: the program that writes a page looks for it within these bytes.
+/// Checksum of the sources: the program that writes a page looks for it within these bytes.
 #[unsafe(no_mangle)]
 extern "C" fn explore_source() -> *const u8 {
     SOURCE.as_ptr()
@@ -78,7 +78,7 @@ fn answer(asked: Asked) -> Result<Value, String> {
     }
 }
 
-/// One of this package's loops as one unit, and its cases.
+/// A session with one of this package's loops as a composite, and its cases.
 fn begun(name: &str) -> Result<Session, Error> {
     let files = LoopFiles::find(name)?;
     let mut structure = files.structure()?;

@@ -1,10 +1,10 @@
-//! A loop as it is, and with each of the parameter sets that lie beside it.
+//! A loop as it is, and with each of the parameter sets in its folder.
 
 use crate::error::Error;
 use crate::simulation::LoadedLoop;
 use crate::structure::{LoopFiles, Settings, Structure};
 
-/// The most communication points of a loop as one unit while parameters are moved: about one a pixel.
+/// The most communication points of a composite while parameters are moved: about one a pixel.
 const POINTS: f64 = 1000.0;
 
 /// A loop with the start values of one of its cases.
@@ -43,7 +43,7 @@ pub fn cases(
     Ok((bases, notes))
 }
 
-/// How a loop as one unit is stepped while parameters are moved.
+/// Settings of a composite while parameters are moved.
 #[must_use]
 pub fn coarse(fine: Settings) -> Settings {
     Settings { step: fine.step.max((fine.stop_time - fine.start_time) / POINTS), ..fine }

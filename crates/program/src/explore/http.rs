@@ -1,6 +1,5 @@
-//! The little of HTTP/1.1 that a page on this machine needs: one request a connection, a body of a stated length. What a
-//! request says is parsed by a library; a body that comes in parts is refused, so there is nothing to be mistaken about where
-//! it ends.
+//! The part of HTTP/1.1 that a page on this machine needs: one request a connection, with a body of a stated length. A
+//! library parses requests. A body in chunks is refused, so the end of a request is unambiguous.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -11,7 +10,7 @@ const LONGEST_HEAD: usize = 16 << 10;
 const LONGEST_BODY: usize = 256 << 10;
 /// The most headers of a request.
 const MOST_HEADERS: usize = 64;
-/// How long the head of a request, and then its body, may take altogether.
+/// Longest time for the head of a request, and then for its body.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Headers by which a request is let in, or by which it is seen where it ends: one that comes twice could be read as either.
 const ONCE: [&str; 6] = ["host", "origin", "x-token", "content-type", "content-length", "transfer-encoding"];
@@ -23,15 +22,15 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
 #[derive(Debug)]
 pub struct Request {
     pub method: String,
-    /// Without its query.
+    /// Path without its query.
     pub path: String,
     query: String,
     headers: Vec<(String, String)>,
-    /// What came with the head, until the body is read.
+    /// Bytes that followed the head, until the body is read.
     pub body: Vec<u8>,
 }
 
-/// Why there is no answer: status and reason.
+/// Reason why there is no answer: status and text.
 pub type Refusal = (u16, String);
 
 impl Request {
@@ -171,7 +170,7 @@ pub fn begin(stream: &mut TcpStream, status: u16, kind: &str, further: &str) -> 
     )
 }
 
-/// Answers at once.
+/// Writes a whole answer.
 pub fn answer(stream: &mut TcpStream, status: u16, kind: &str, further: &str, body: &[u8]) -> io::Result<()> {
     begin(stream, status, kind, &format!("{further}Content-Length: {}\r\n", body.len()))?;
     stream.write_all(body)?;

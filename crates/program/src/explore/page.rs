@@ -18,7 +18,7 @@ const PAGE: &str = include_str!("explore.html");
 const LOOKS: &str = include_str!("explore.css");
 const SCRIPT_KIND: &str = "text/javascript; charset=utf-8";
 
-/// What answers a page: its scripts, names and texts, in their order.
+/// Backend of a page: its scripts, names and texts, in their order.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Backend(&'static [(&'static str, &'static str)]);
 

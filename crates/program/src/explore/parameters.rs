@@ -1,4 +1,4 @@
-//! Which parameters of a loop can be moved, by which control, and over which range.
+//! Parameters of a loop that can be moved, with their controls and ranges.
 
 use serde::{Serialize, Serializer};
 use serde_json::Value as Json;
@@ -12,14 +12,14 @@ use crate::simulation::{LoadedLoop, Place};
 use crate::structure::Structure;
 use crate::system::NO_LIMIT;
 
-/// So many sliders of a unit are shown at first.
+/// Number of sliders of a component that are shown at first.
 const FIRST_OF_CONTROLLER: usize = 8;
 const FIRST_OF_OTHERS: usize = 3;
 /// A range over more than this is logarithmic.
 const DECADES: f64 = 1e3;
-/// How many times smaller or larger than its start value a parameter gets that has no limits.
+/// Factor between the start value and an end of the slider, for a parameter without limits.
 const APART: f64 = 100.0;
-/// Words of parameters that are about how equations are solved, not about what they say.
+/// Words of parameters that are about how equations are solved, not about the plant or controller.
 const ABOUT_NUMBERS: [&str; 9] = [
     "tolerance",
     "_limit",
@@ -45,13 +45,13 @@ pub struct Parameter {
     pub name: String,
     /// Name of the unit.
     pub unit: String,
-    /// What it is.
+    /// Description.
     pub description: String,
     /// Signals that an element of a matrix connects, `current ← voltage`, where these have names.
     pub acts: Option<String>,
     /// Its unit of measurement.
     pub measure: String,
-    /// What it is moved by.
+    /// Its control on the page.
     #[serde(flatten)]
     pub control: Control,
     /// True if it is shown at first.
@@ -60,13 +60,13 @@ pub struct Parameter {
     pub(super) place: Place,
 }
 
-/// What a parameter is moved by.
+/// Control that moves a parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "control", rename_all = "lowercase")]
 pub enum Control {
     /// A Real: a slider.
     Slider {
-        /// Ends of the slider; none where a number says that there is no limit.
+        /// Ends of the slider; none if the value stands for no limit.
         range: Option<(f64, f64)>,
         /// True if the slider is logarithmic.
         logarithmic: bool,
@@ -161,7 +161,7 @@ impl Parameter {
         place: Place,
         variable: &Variable,
     ) -> Option<Self> {
-        // What has no unit is of the loop as one unit, which other forms of it don't know.
+        // Parameters without a component belong to the composite only; other forms of the loop lack them.
         let unit = structure.unit_of(&name)?.name.clone();
         let control = Control::of(structure, &name, variable, &loaded.value_of(place)?)?;
         let (description, measure) = (variable.description.clone(), variable.unit.clone().unwrap_or_default());
@@ -313,7 +313,7 @@ fn acts(structure: &Structure, unit: &str, name: &str) -> Option<String> {
     Some(format!("{} ← {}", named(to, row)?, named(from, column)?))
 }
 
-/// What a unit does in its loop, where it is of a kind of this package.
+/// Role of a component in its loop, if its kind is one of this package.
 pub(super) fn role(structure: &Structure, fmu: &str) -> Option<Role> {
     let description = Description::read(&structure.description_of(fmu).ok()?.text).ok()?;
     Some(library::find(&description.model)?.role)

@@ -1,4 +1,4 @@
-//! The server of a page: on this machine alone, and only for whoever has its token.
+//! Server of a page: on this machine only, and only for clients that have its token.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -14,16 +14,16 @@ use super::http::{Refusal, Request, answer, begin};
 use super::page::{self, Backend};
 use super::session::{Session, Wanted};
 
-/// Places beside those of the page's files.
+/// Places in addition to those of the page's files.
 const PATHS: [&str; 6] = ["/", "/loop", "/run", "/set", "/save", "/export"];
 const HTML: &str = "text/html; charset=utf-8";
 const JSON: &str = "application/json";
-/// So many requests with the token are answered at a time.
+/// The most requests with the token that are answered at a time.
 const MOST_ANSWERED: usize = 32;
-/// So many connections may not have shown it yet: a further one takes the place of the oldest, so that those who never
-/// show it keep nobody out.
+/// The most connections that haven't shown it yet. A further one replaces the oldest, so that connections without the
+/// token never block the others.
 const MOST_WAITING: usize = 64;
-/// So many bytes of a refused request are read that nobody looks at, while they come.
+/// The most bytes of a refused request that are read and ignored.
 const REST: usize = 1 << 20;
 const LISTENING: Duration = Duration::from_secs(1);
 
@@ -60,7 +60,7 @@ impl Server {
         Ok(Server { listener, address, token, session, waiting: Mutex::default(), answered: AtomicUsize::new(0) })
     }
 
-    /// Where its page is.
+    /// Address of its page.
     pub fn url(&self) -> String {
         format!("http://{}/?token={}", self.address, self.token)
     }
@@ -74,7 +74,7 @@ impl Server {
             server.waits(number, other);
             let answering = Arc::clone(&server);
             let begun = thread::Builder::new().spawn(move || {
-                // Who doesn't listen any more is told nothing.
+                // A client that is gone gets no answer.
                 let _ = answering.let_in(number, stream);
                 answering.waits_no_more(number);
             });
@@ -98,7 +98,7 @@ impl Server {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner).retain(|(other, _)| *other != number);
     }
 
-    /// Answers a connection that shows the token, at a place of its own; another one is told why not.
+    /// Answers a connection that shows the token, at a place of its own; refuses another one with the reason.
     fn let_in(&self, number: u64, mut stream: TcpStream) -> io::Result<()> {
         stream.set_nodelay(true)?;
         let request = Request::head(&mut stream).and_then(|request| self.check(&request).map(|()| request));
@@ -176,7 +176,7 @@ impl Server {
     }
 }
 
-/// One of the places of those who are answered, until it is dropped.
+/// A place among the requests being answered, until it is dropped.
 struct Place<'a>(&'a AtomicUsize);
 
 impl<'a> Place<'a> {
@@ -192,12 +192,12 @@ impl Drop for Place<'_> {
     }
 }
 
-/// True if two texts are the same, in a time that doesn't tell how far they are.
+/// True if two texts are the same, in a time that doesn't depend on their difference.
 fn same(given: &str, token: &str) -> bool {
     given.len() == token.len() && given.bytes().zip(token.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
 }
 
-/// What a page asks for.
+/// Reads the request of a page.
 fn wanted(request: &Request) -> Result<Wanted, Refusal> {
     let kind = request.header("content-type").and_then(|kind| kind.split(';').next()).unwrap_or_default();
     if kind.trim() != JSON {

@@ -1,4 +1,4 @@
-//! A loop that is kept ready: what its page is told of it, and its runs.
+//! A loaded loop: the data of its page, and its runs.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -24,11 +24,11 @@ use crate::structure::{Settings, Structure};
 
 /// Groups of points of a curve, which has about twice as many points.
 const GROUPS: usize = 250;
-/// A run tells how far it is after so long, and then as often.
+/// Interval at which a run reports its progress.
 const TELLING: Duration = Duration::from_millis(150);
-/// How often a run that waits looks whether it may begin.
+/// Interval at which a waiting run checks if it may begin.
 const LOOK: Duration = Duration::from_millis(5);
-/// How long runs may take to end with the program.
+/// Longest time for runs to end with the program.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// The latest requests of so many pages are known.
 const MOST_PAGES: usize = 100;
@@ -37,18 +37,18 @@ const MOST_PAGES: usize = 100;
 #[derive(Debug)]
 pub struct Session {
     pub(super) bases: Vec<Base>,
-    /// What its variables start with as the loop's files have it, by names: what a set leaves out.
+    /// Start values of its variables in the loop's files, by names; a set leaves them out.
     pub(super) plain: BTreeMap<String, fmu::Value>,
     pub(super) parameters: Vec<Parameter>,
     settings: Settings,
     /// The same with the communication step by which metrics are measured.
     fine: Settings,
     whole: bool,
-    /// What is to be known of how it is run.
+    /// Notes on how it is run.
     notes: Vec<String>,
-    /// Where files go.
+    /// Folder for files.
     pub(super) out: PathBuf,
-    /// Held by the one run at a time that units of other tools bear.
+    /// Lock for one run at a time, if FMUs of other tools allow no more.
     turn: Option<Mutex<()>>,
     /// The newest request of each page: older ones end.
     newest: Mutex<HashMap<String, u64>>,
@@ -59,7 +59,7 @@ pub struct Session {
     pub(super) terminals: bool,
 }
 
-/// What a page asks for: values in place of those of a case.
+/// Request of a page: values in place of those of a case.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Wanted {
@@ -78,7 +78,7 @@ pub(super) struct Wanted {
     /// Values that variables get from a time on.
     #[serde(default)]
     pub events: Vec<Step>,
-    /// What files are to be named.
+    /// Name of files to be written.
     #[serde(default)]
     pub name: String,
     /// True if they replace those that are there.
@@ -148,7 +148,7 @@ impl Session {
         &self.bases[0].structure.name
     }
 
-    /// What a page shows before the first run.
+    /// Data that a page shows before the first run.
     pub(super) fn told(&self) -> Value {
         let Base { structure, loaded, .. } = &self.bases[0];
         let notes = [&self.notes[..], loaded.notes()].concat();
@@ -206,8 +206,8 @@ impl Session {
         *number = wanted.number.max(*number);
     }
 
-    /// Runs the loop. `tell` hands over how far it is, and answers whether anybody still listens; a newer request of the same
-    /// page ends the run, too.
+    /// Runs the loop. `tell` passes on the progress, and returns true if the page still listens. A newer request of the
+    /// same page also ends the run.
     pub(super) fn run(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
         let _running = Arc::clone(&self.running);
         let (base, values) = self.find(wanted)?;
@@ -277,7 +277,7 @@ impl Session {
         }
     }
 
-    /// What a run came to.
+    /// Result of a run.
     fn answer(
         &self,
         structure: &Structure,
@@ -328,7 +328,7 @@ fn is_about(error: &Error, name: &str) -> bool {
     [Some(name), variable, whole].into_iter().flatten().any(|name| names(&message, name))
 }
 
-/// That a unit doesn't start with these values, and at which controls that is to be shown.
+/// Refusal of these values by a component, and the controls at which it is shown.
 fn refused(error: &Error, wanted: &Wanted) -> Value {
     let at: Vec<&String> = wanted.values.keys().filter(|name| is_about(error, name)).collect();
     json!({ "refused": unit_and_message(error).1, "at": at, "events": wanted.events_of(error) })

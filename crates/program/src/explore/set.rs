@@ -34,7 +34,7 @@ impl Session {
         let moved: BTreeMap<&str, &Value> = values.iter().map(|(it, value)| (it.name.as_str(), value)).collect();
         let mut kept = Vec::new();
         for (name, place, variable) in base.loaded.variables() {
-            // What has no unit is of the loop as one unit alone.
+            // Variables without a component belong to the composite only.
             if base.structure.unit_of(&name).is_none() {
                 continue;
             }

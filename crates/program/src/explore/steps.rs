@@ -9,7 +9,7 @@ use crate::structure::{Event, Origin, Settings, within_run};
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Step {
-    /// When, s.
+    /// Time, s.
     pub time: f64,
     /// The variable, by its name in the loop.
     pub name: String,

@@ -146,7 +146,7 @@ fn error(plant: &Plant, found: &DMatrix<f64>) -> f64 {
     all.fold(0.0, f64::max) / largest
 }
 
-/// How many of so many plants are right, refused and wrong; with steps of 1 and 5 ms, and inputs of three magnitudes.
+/// Numbers of plants that are right, refused and wrong; with steps of 1 and 5 ms, and inputs of three magnitudes.
 fn judged(seeds: std::ops::Range<u64>, change: impl Fn(&mut Plant)) -> [usize; 3] {
     let mut counts = [0; 3];
     for (seed, step, gain) in seeds

@@ -1,18 +1,18 @@
-//! What a sweep goes over: a parameter and its values.
+//! A parameter of a sweep and its values.
 
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// How the values of a parameter lie.
+/// Spacing of the values of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Spacing {
-    /// At equal distances.
+    /// Equal distances.
     Linear,
-    /// At equal ratios.
+    /// Equal ratios.
     Logarithmic,
-    /// As they were listed.
+    /// The values of a list.
     List,
 }
 
@@ -21,7 +21,7 @@ pub enum Spacing {
 pub struct Axis {
     /// Its name.
     pub name: String,
-    /// How the values lie.
+    /// Spacing of the values.
     pub spacing: Spacing,
     /// Its values as they are set.
     pub values: Vec<String>,

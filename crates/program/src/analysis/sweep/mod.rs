@@ -21,7 +21,7 @@ const MOST_RUNS: usize = 100_000;
 const MOST_DRAWN: usize = 24;
 /// Groups of points in a curve: about two pixels of a diagram each.
 const GROUPS: usize = 300;
-/// So many signals are drawn.
+/// The most signals that are drawn.
 const MOST_SIGNALS: usize = 12;
 
 /// A sweep: a loop, and what is varied in it.
@@ -34,14 +34,14 @@ pub struct Sweep {
     values: Vec<Vec<Value>>,
     /// Labels of all metrics that there may be: the loop's own, then those of steps.
     labels: Vec<String>,
-    /// One a thread: other tools' libraries may not bear two instances at work at a time.
+    /// One a thread: other tools' libraries may not allow two instances at work at a time.
     loops: Vec<LoadedLoop>,
 }
 
 /// A run of a sweep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// Why it did not come to its end; none where it did.
+    /// Reason why it ended early; none if it is complete.
     pub failure: Option<String>,
     /// The metrics, in the order of their labels; none of one that failed.
     pub metrics: Vec<Option<f64>>,
@@ -105,7 +105,7 @@ impl Sweep {
         self.axes.iter().map(|axis| axis.values.len()).product()
     }
 
-    /// Which value of each parameter a run has; the last parameter changes from run to run.
+    /// Returns the place of each parameter's value in a run; the last parameter changes from run to run.
     pub fn position(&self, mut run: usize) -> Vec<usize> {
         let mut position: Vec<usize> = Vec::new();
         for axis in self.axes.iter().rev() {
@@ -155,8 +155,8 @@ impl Sweep {
         last < MOST_DRAWN || (0..MOST_DRAWN).any(|k| (k * last + (MOST_DRAWN - 1) / 2) / (MOST_DRAWN - 1) == run)
     }
 
-    /// Makes those of the runs that aren't known, on all threads. `done` is told each as it comes; `is_interrupted` is asked
-    /// at every communication point.
+    /// Makes the runs that aren't known, on all threads. Each result is passed to `done`; `is_interrupted` is called at
+    /// every communication point.
     pub fn run(
         &self,
         known: &[Option<Point>],

@@ -11,7 +11,7 @@ use crate::report::number;
 use crate::results::four_digits;
 use crate::structure::Plot;
 
-/// How the pictures and maps of this page look, beside what every page has.
+/// Style of the charts and maps of this page, in addition to that of every page.
 const STYLE: &str = "
   .map td { text-align: right; padding: .3em .7em; border: 1px solid #fff; font-variant-numeric: tabular-nums; }
   .map .failed { text-align: center; background: #fff; color: #b00020; border: 1px dashed #b00020; }
@@ -28,7 +28,7 @@ pub struct SweepPage<'a> {
     pub sweep: &'a Sweep,
     /// Its runs; none of those that were not made.
     pub points: &'a [Option<Point>],
-    /// Name of the table beside it.
+    /// Name of the table in the same folder.
     pub table: &'a str,
 }
 
@@ -67,7 +67,7 @@ impl SweepPage<'_> {
         self.sweep.structure().metrics.get(metric)?.limit
     }
 
-    /// A metric over the only parameter; a gap where a run failed. A parameter that is no number has the table alone.
+    /// A metric over the only parameter, with a gap where a run failed; empty for a parameter that isn't a number.
     fn over(&self, axis: &Axis, metric: usize, label: &str) -> String {
         if let Some(nothing) = self.unmeasured(metric, label) {
             return nothing;
@@ -94,7 +94,7 @@ impl SweepPage<'_> {
         svg
     }
 
-    /// What stands in a metric's place where no run has a value of it.
+    /// Text in place of a metric that no run has a value of.
     fn unmeasured(&self, metric: usize, label: &str) -> Option<String> {
         if self.made().any(|(_, point)| point.metric(metric).is_some()) {
             return None;
@@ -168,7 +168,8 @@ impl SweepPage<'_> {
         }
     }
 
-    /// A picture of each signal of a plot that runs differ in. What is the same in all of them stands beside it, dashed.
+    /// Charts of the signals of a plot that differ between runs. Signals that are the same in all runs are added,
+    /// dashed.
     fn push_plot(&self, page: &mut String, plot: &Plot, drawn: &[(usize, &Point)]) {
         let signals = self.sweep.signals();
         let of_plot = plot.signals.iter().filter_map(|name| signals.iter().position(|signal| signal == name));

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-/// Quantities by their units, where a unit tells.
+/// Quantities by the units that identify them.
 const QUANTITIES: &[(&str, &[&str])] = &[
     ("position", &["m", "mm", "cm", "km"]),
     ("angle", &["rad", "mrad", "deg", "rev"]),
@@ -26,7 +26,7 @@ const QUANTITIES: &[(&str, &[&str])] = &[
 const MOST_UNITS: usize = 2;
 /// An axis of magnitudes ends at the latest so far below its largest value.
 const LEAST_PART: f64 = 1e-9;
-/// It goes on so far above its largest value.
+/// Factor by which it exceeds its largest value.
 const ABOVE: f64 = 1.5;
 
 /// A unit as it is printed: `N m`, `m/s²`.
@@ -94,9 +94,9 @@ pub fn decades<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
 /// An axis: its range, and whether it is logarithmic.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
-    /// Where it begins; above 0 where it is logarithmic.
+    /// Lower end; above 0 on a logarithmic axis.
     pub low: f64,
-    /// Where it ends, above `low`.
+    /// Upper end, above `low`.
     pub high: f64,
     /// True if equal lengths are equal ratios.
     pub logarithmic: bool,

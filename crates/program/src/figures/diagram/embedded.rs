@@ -12,9 +12,9 @@ use super::{Curve, Diagram, Peak};
 const GROUPS: usize = 13_000;
 const MOST_GROUPS: usize = 4000;
 const LEAST_GROUPS: usize = 100;
-/// So many times as many groups are looked at first.
+/// Ratio of the groups that are considered first to those of the result.
 const FINE: usize = 50;
-/// How far a line between points may lie from the curve, in parts of the height of the diagram.
+/// Largest distance of a line between points from the curve, in parts of the height of the diagram.
 const DISTANCE: f64 = 2e-4;
 /// Parts of the time that have a point each, where one was recorded: a reader sees its value.
 const PARTS: usize = 200;
@@ -23,13 +23,13 @@ const WIDTH: f64 = 1e4;
 /// Digits of numbers.
 const DIGITS: usize = 6;
 
-/// How many groups of points each of so many curves on a page may have.
+/// Number of groups of points for each of so many curves on a page.
 pub fn groups(curves: usize) -> usize {
     (GROUPS / curves.max(1)).clamp(LEAST_GROUPS, MOST_GROUPS)
 }
 
 impl Diagram<'_> {
-    /// What `page.js` draws it of; it says which keys there are.
+    /// Data with points for `page.js`, which documents the keys.
     pub fn with_points(&self, groups: usize) -> Value {
         let curve = |curve: &Curve| {
             let (x, y): (Vec<f64>, Vec<f64>) = self.points(curve, groups).into_iter().unzip();
@@ -42,7 +42,7 @@ impl Diagram<'_> {
                 "marks": self.marks, "curves": curves })
     }
 
-    /// What a program draws it of that has the signals.
+    /// Data for a program that has the signals.
     pub fn without_points(&self) -> Value {
         let curve = |curve: &Curve| {
             let mut told = json!({ "name": curve.name, "colour": curve.style.colour, "dashes": curve.style.dashes,
@@ -80,8 +80,7 @@ impl Diagram<'_> {
         points.map(|(time, value)| (rounded(time, DIGITS + 1), rounded(value, DIGITS))).collect()
     }
 
-    /// Those of the points that make a difference to who looks at them from one time to another; the smallest and the largest
-    /// are among them.
+    /// Returns the points that a reader can see from one time to another; the smallest and the largest are among them.
     fn seen(&self, points: &[(f64, f64)], (from, to): (f64, f64), parts: usize) -> Vec<(f64, f64)> {
         let across = self.axis(from, to).places();
         let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, across(*value));

@@ -29,20 +29,20 @@ use crate::structure::{PerformanceFunction, Scale};
 const PART: f64 = 0.05;
 /// A peak is so many times as large as anything else.
 const PEAK: f64 = 4.0;
-/// What is smaller than this part of a peak is rounding, and no curve.
+/// Part of a peak below which values are rounding errors.
 const NOTHING: f64 = 1e-9;
-/// Where the axis follows from the values, it is logarithmic from this ratio of them on.
+/// Ratio of the values above which an automatic axis is logarithmic.
 const DECADES: f64 = 100.0;
 /// The time that is shown of a peak is so many times as long as it lasts.
 const AROUND_PEAK: f64 = 1.6;
 
-/// What a curve shows of the signals of a run, for those who have the signals.
+/// The signals that a curve shows, for programs that have them.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Shown {
     /// The signal; none of a funnel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub of: Option<String>,
-    /// What is subtracted from it.
+    /// Signal that is subtracted from it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub minus: Option<String>,
     /// True if magnitudes are shown.
@@ -70,11 +70,11 @@ impl Shown {
 pub struct Given<'a> {
     /// Its name.
     pub name: String,
-    /// Its unit of measurement; empty where none is told.
+    /// Its unit of measurement; empty if unknown.
     pub unit: String,
-    /// What it is in its diagram.
+    /// Its part in the diagram.
     pub part: Part,
-    /// What it shows of a run.
+    /// Signals that it shows.
     pub shown: Shown,
     /// Times, or what else the diagram goes over.
     pub times: Cow<'a, [f64]>,
@@ -87,9 +87,9 @@ pub struct Given<'a> {
 pub struct Curve<'a> {
     /// Its name in the legend.
     pub name: String,
-    /// How it is drawn.
+    /// Style of its line.
     pub style: Style,
-    /// What it shows of a run.
+    /// Signals that it shows.
     pub shown: Shown,
     /// Times, or what else the diagram goes over.
     pub times: Cow<'a, [f64]>,
@@ -100,9 +100,9 @@ pub struct Curve<'a> {
 /// A peak at the start, or at the end of a loop that is lost, in whose range the rest would be flat.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Peak {
-    /// When it begins.
+    /// Time at which it begins.
     pub from: f64,
-    /// When it is over.
+    /// Time at which it ends.
     pub until: f64,
     /// Its largest magnitude, with its sign.
     pub value: f64,
@@ -134,7 +134,7 @@ pub struct Diagram<'a> {
 /// A time that is marked in a diagram.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Mark {
-    /// When, s.
+    /// Time, s.
     pub time: f64,
     /// The event.
     pub text: String,
@@ -155,7 +155,7 @@ impl<'a> Diagram<'a> {
         let several = units.iter().filter(|unit| !unit.is_empty()).count() > 1;
         let parts: Vec<Part> = given.iter().map(|curve| curve.part).collect();
         let curve = |(Given { name, unit, shown, times, values, .. }, style)| {
-            // With units of several kinds in one diagram, each curve tells its own.
+            // With several units in one diagram, each curve names its own.
             let name = if several { labelled(&name, &unit) } else { name };
             Curve { name, style, shown, times, values }
         };
@@ -194,7 +194,7 @@ impl<'a> Diagram<'a> {
         }
     }
 
-    /// When it begins and ends.
+    /// Its first and last time.
     pub fn span(&self) -> (f64, f64) {
         let ends = self.curves.iter().flat_map(|curve| [curve.times.first(), curve.times.last()]).flatten();
         let (start, end) = ends.fold((f64::MAX, f64::MIN), |(low, high), &time| (low.min(time), high.max(time)));
@@ -247,7 +247,7 @@ impl<'a> Diagram<'a> {
         Some((outside, Peak { from: f64::NAN, until: f64::NAN, value, low, high }))
     }
 
-    /// What is drawn side by side, each from one time to another: the peak and the rest, or all.
+    /// Time ranges that are drawn side by side: the peak and the rest, or all.
     pub fn parts(&self) -> Vec<(f64, f64)> {
         let (start, end) = self.span();
         match self.peak {
@@ -259,7 +259,7 @@ impl<'a> Diagram<'a> {
         }
     }
 
-    /// Which of its parts is the peak.
+    /// Place of the peak among its parts.
     pub fn peak_part(&self) -> Option<usize> {
         self.peak.map(|peak| usize::from(peak.from > self.span().0))
     }

@@ -9,16 +9,17 @@ use crate::simulation::Recording;
 use crate::structure::{Event, Metric, PerformanceFunction, Plot, Scale, Structure};
 
 impl Structure {
-    /// The signals of a plot that others are to come to: those that it names so, ideal models, and what units give that
-    /// take nothing from the loop.
+    /// True for a signal that others follow: a plot's own references, ideal models, and outputs of components without
+    /// inputs from the loop.
     fn is_reference(&self, plot: &Plot, signal: &str) -> bool {
         plot.references.iter().any(|name| name == signal)
             || self.models.iter().any(|model| model.name == signal)
             || self.unit_of(signal).is_some_and(|unit| self.sources().any(|source| source == unit.name))
     }
 
-    /// What each signal of a plot is in it. What follows a reference is what a metric compares with it, also by an ideal
-    /// model of it; else its neighbour: the signal before it, or behind it in a plot that begins with a reference.
+    /// The part of each signal in a plot. A metric, also one with an ideal model, shows which signal follows a
+    /// reference. Otherwise it is the signal before the reference, or the one after it in a plot that begins with a
+    /// reference.
     pub fn parts(&self, plot: &Plot) -> Vec<Part> {
         let references: Vec<bool> = plot.signals.iter().map(|signal| self.is_reference(plot, signal)).collect();
         if references.iter().all(|is_reference| *is_reference) {

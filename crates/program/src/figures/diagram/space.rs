@@ -10,7 +10,7 @@ use super::svg::{CURVES, legend, line, sheet, stroke, text};
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 450.0;
 const FONT: f64 = 15.0;
-/// From where it is seen: angles about the axis that points up, and above the plane, in degrees.
+/// View: angles about the axis that points up, and above the plane, in degrees.
 const TURN: f64 = 35.0;
 const ABOVE: f64 = 22.0;
 /// Pixels of an edge of the cube that it is drawn in.
@@ -23,7 +23,7 @@ const GREY: &str = "#444";
 pub struct Path {
     /// Its name.
     pub name: String,
-    /// What it is among the paths.
+    /// Its part among the paths.
     pub part: Part,
     /// Its points.
     pub points: Vec<[f64; 3]>,
@@ -38,8 +38,8 @@ fn seen([x, y, z]: [f64; 3]) -> (f64, f64) {
     (0.5 * WIDTH + EDGE * across, 0.5 * (HEIGHT - 40.0) - EDGE * up)
 }
 
-/// The paths as an SVG that is as wide as the place that it is shown in. The axes are named; the third points up, or down
-/// where `down` says so.
+/// The paths as an SVG that is as wide as its container. The axes are named; the third points up, or down if `down` is
+/// true.
 pub fn space(paths: &[Path], axes: &[String; 3], down: bool) -> String {
     let range =
         |k: usize| Axis::linear(padded_range(paths.iter().flat_map(|path| path.points.iter().map(move |p| &p[k]))));

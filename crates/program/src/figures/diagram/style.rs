@@ -1,13 +1,13 @@
 //! Colours and dashes of the curves of a diagram: no two share both, and a reference has the colour of what follows it.
 
-/// The colours of M. Okabe and K. Ito, which people with any colour vision tell apart; without their yellow, which can't be
-/// read on white. Black comes last.
+/// Colours of M. Okabe and K. Ito, which people with any colour vision can distinguish; without their yellow, which
+/// can't be read on white. Black is the last.
 pub const COLOURS: [&str; 7] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"];
 const BLACK: &str = "#000000";
 /// Dashes of references, in pixels: a line, a gap, and so on. Where these don't suffice, further dots are added.
 const DASHED: [&[u32]; 3] = [&[8, 5], &[2, 4], &[8, 4, 2, 4]];
 
-/// How a curve is drawn.
+/// Style of a curve.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Style {
     /// Its colour, as `#RRGGBB`.
@@ -18,14 +18,14 @@ pub struct Style {
     pub beneath: bool,
 }
 
-/// What a curve is in its diagram.
+/// Part of a curve in its diagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// A signal by itself.
     Own,
-    /// What the curve at a place comes to, or is to stay below.
+    /// Reference of the curve at a place, or its bound.
     ReferenceOf(usize),
-    /// What all curves come to, or are to stay below.
+    /// Reference of all curves, or their bound.
     Reference,
 }
 

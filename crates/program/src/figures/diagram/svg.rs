@@ -1,5 +1,5 @@
-//! Diagrams as SVG. No library is used for it: what a tracking figure needs, dashes as an attribute, legends beside the axes
-//! and points no nearer than a screen shows, none of those for Rust writes.
+//! Diagrams as SVG. No plotting library for Rust writes dashes as an attribute, legends next to the axes and points no
+//! closer than a screen shows, all of which these figures need.
 
 use std::fmt::Write;
 
@@ -8,14 +8,14 @@ use super::thinned::{simplified, thinned};
 use super::{Curve, Diagram, Mark, Style};
 use crate::drawing::escaped;
 
-/// How large a sheet and what is on it are, in pixels.
+/// Sizes of a sheet and of its parts, in pixels.
 #[derive(Debug, Clone, Copy)]
 struct Sheet {
     width: f64,
     /// Height of a diagram's axes.
     height: f64,
     font: f64,
-    /// The part of the width that a legend beside the axes may take; a wider one goes below.
+    /// The part of the width that a legend next to the axes may take; a wider one goes below.
     beside: f64,
 }
 
@@ -28,7 +28,7 @@ const LETTER: f64 = 0.56;
 const LINE: f64 = 1.5;
 /// Coordinates of curves are whole tenths of a pixel.
 const TENTHS: f64 = 10.0;
-/// How far a curve's line may lie from its points, in tenths of a pixel.
+/// Largest distance of a curve's line from its points, in tenths of a pixel.
 const DISTANCE: f64 = 2.0;
 /// The part of the width that a peak takes.
 const PEAK_WIDTH: f64 = 0.28;
@@ -38,7 +38,7 @@ const SAMPLE: f64 = 34.0;
 const GREY: &str = "#444";
 /// Colour of the times of events.
 const EVENT: &str = "#b00020";
-/// What holds for all curves.
+/// Attributes of all curves.
 pub(super) const CURVES: &str = "fill=\"none\" stroke-linejoin=\"round\"";
 
 /// The diagrams one below the other, with a title.
@@ -55,7 +55,7 @@ pub fn svg(title: &str, diagrams: &[Diagram]) -> String {
     sheet(FILE.width, top + MARGIN, FILE.font, &body, false)
 }
 
-/// One diagram without its title, as wide as the place that it is shown in.
+/// One diagram without its title, as wide as its container.
 pub fn figure(diagram: &Diagram) -> String {
     let mut body = String::new();
     let edges = Edges::of(&FIGURE, std::slice::from_ref(diagram));
@@ -97,12 +97,12 @@ fn wrapped(words: &str, most: usize) -> Vec<String> {
     lines
 }
 
-/// Where the axes of all diagrams of a sheet begin and end.
+/// Ends of the axes of all diagrams of a sheet.
 #[derive(Debug, Clone, Copy)]
 struct Edges {
     left: f64,
     right: f64,
-    /// True if legends are beside the axes.
+    /// True if legends are next to the axes.
     beside: bool,
 }
 
@@ -117,7 +117,7 @@ impl Edges {
     }
 }
 
-/// What the numbers at an axis of values need.
+/// Width of the numbers at an axis of values.
 fn numbers_width(sheet: &Sheet, axis: &Axis) -> f64 {
     let longest = axis.ticks(sheet.height / 45.0).iter().map(|(_, text)| text.chars().count()).max();
     sheet.font * (LETTER * longest.unwrap_or(1) as f64 + 0.8)
@@ -272,8 +272,8 @@ pub(super) fn line(path: &mut String, points: &[(f64, f64)]) {
     }
 }
 
-/// How a curve's line is drawn, in coordinates so many times as fine as pixels. A reference is broad and pale, so that it is
-/// seen beneath what follows it exactly.
+/// Attributes of a curve's line, in coordinates of `fine` units a pixel. A reference is broad and pale, so that it
+/// shows beneath a curve that follows it exactly.
 pub(super) fn stroke(style: &Style, fine: f64) -> String {
     let Style { colour, dashes, beneath } = style;
     let (width, opacity) = if *beneath { (3.2, " stroke-opacity=\".55\"") } else { (1.5, "") };

@@ -1,7 +1,7 @@
 //! Curves with as few points as can be seen.
 
-/// A curve of at most about twice as many points as groups. Of each group of neighbours its smallest and its largest
-/// value are kept: no peak is lost. So are the first and the last point, and a value that isn't finite.
+/// A curve of at most about twice as many points as groups. The smallest and the largest value of each group of
+/// neighbours stay, so no peak is lost. So do the first and the last point, and values that aren't finite.
 pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> {
     let last = times.len().min(values.len()).saturating_sub(1);
     let size = times.len().div_ceil(groups).max(1);
@@ -45,7 +45,7 @@ pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
 fn farthest(points: &[(f64, f64)], (from, to): (usize, usize), distance: f64) -> Option<usize> {
     // There may be no points at all.
     let away = from_segment(*points.get(from)?, *points.get(to)?);
-    // A distance takes far longer than its square, which tells most points: all but those within its rounding.
+    // A distance takes far longer than its square, which decides for all points but those within its rounding.
     let nearly = |distance: f64| distance * distance * (1.0 - 1e-12);
     let (mut found, mut largest, mut square) = (None, distance, nearly(distance));
     let inner = from + 1..to;
@@ -61,7 +61,7 @@ fn farthest(points: &[(f64, f64)], (from, to): (usize, usize), distance: f64) ->
     found
 }
 
-/// How far a point lies from the line between two others, by each coordinate.
+/// Returns the distance of a point from the line between two others, by each coordinate.
 fn from_segment(from: (f64, f64), to: (f64, f64)) -> impl Fn((f64, f64)) -> (f64, f64) {
     let (dx, dy) = (to.0 - from.0, to.1 - from.1);
     let length = dx * dx + dy * dy;
