@@ -14,11 +14,11 @@ use crate::schema::{self, Key};
 use crate::system::{Causality, Element};
 use crate::texts;
 
-/// All of them: their places in this project's folder, and their texts. `read` gives the text of a page, in which a table stands
-/// between `<!-- generated: NAME -->` and `<!-- end -->`.
+/// All generated files: their places in this project's folder, and their texts. `read` gives the text of a page, in
+/// which a table is between `<!-- generated: NAME -->` and `<!-- end -->`.
 ///
 /// # Errors
-/// A description that no unit can be made of, a page that can't be read or has no place for its table.
+/// A description is not valid, or a page can't be read or has no place for its table.
 pub fn files(read: impl Fn(&str) -> Result<String, Error>) -> Result<Vec<(String, String)>, Error> {
     let models: Vec<_> =
         texts::descriptions().iter().map(|(_, text)| model(text)).collect::<Result<_, _>>().map_err(Error::Argument)?;
@@ -166,7 +166,7 @@ fn structures(chosen: impl Fn(&str) -> bool) -> String {
     head + &rows.iter().map(row).collect::<String>()
 }
 
-/// What a key is: as its doc comment says it, with what is allowed and what it is unless given.
+/// Text of a key: its doc comment, the values that are allowed, and its default.
 fn what_it_is(key: &Key) -> String {
     let mut text = key.text.trim_end_matches('.').to_owned();
     // A word begins small, a symbol stays.

@@ -1,8 +1,8 @@
-//! Files as commands write them: beside their places, synced, then renamed. So a file that was there stays whole until
-//! another whole one takes its place, and files that belong together are replaced when all of them are written.
+//! Files of commands are written next to their places, synced, then renamed. So an earlier file stays whole until
+//! another whole one replaces it, and files that belong together are replaced when all of them are written.
 //!
-//! No link is followed: where one stands in the place of a file, or of a folder below the one that the user named, it
-//! is refused by its name.
+//! No link is followed. A link in the place of a file, or of a folder below the one that the user named, is an error
+//! that names it.
 
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
@@ -18,7 +18,7 @@ use crate::error::Error;
 
 /// The end of the name of a file that isn't whole yet.
 const PART: &str = ".part";
-/// So many random characters stand before it.
+/// Number of random characters before it.
 const RANDOM: usize = 6;
 
 /// Files that belong together, written but not yet in their places. Dropped, they leave nothing.
@@ -75,10 +75,10 @@ impl Files {
         Files { folder: begun::path(named(folder)), written: Vec::new() }
     }
 
-    /// Files for a folder that is made where it isn't there: the one that the user named, and one below it.
+    /// Files for a folder, which is created if necessary: the one that the user named, and one below it.
     ///
     /// # Errors
-    /// When it can't be made, or a link or a file stands in its place.
+    /// When it can't be made, or its place is taken by a link or a file.
     pub fn within(out: &Path, below: &str) -> Result<Self, Error> {
         Ok(Files::at(&make_folder(out, below)?))
     }
@@ -86,7 +86,7 @@ impl Files {
     /// Adds a file, which may lie in folders below.
     ///
     /// # Errors
-    /// When it can't be written, or something that isn't a plain file stands in its place.
+    /// When it can't be written, or its place is taken by something other than a plain file.
     pub fn add(&mut self, name: impl AsRef<Path>, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
         self.put(name.as_ref(), bytes.as_ref(), true)
     }
@@ -102,7 +102,7 @@ impl Files {
     /// Begins a file that is written piece by piece, and [added](Files::finish) when it is whole.
     ///
     /// # Errors
-    /// When it can't be made, or something that isn't a plain file stands in its place.
+    /// When it can't be made, or its place is taken by something other than a plain file.
     pub fn begin(&self, name: impl AsRef<Path>) -> Result<Part, Error> {
         self.part(name.as_ref(), true)
     }
@@ -138,7 +138,7 @@ impl Files {
     /// Puts all of them into their places.
     ///
     /// # Errors
-    /// When something that isn't a plain file stands in the place of one: then none is put there. Or when one can't be
+    /// When a place is taken by something other than a plain file: then no file is placed. Or when one can't be
     /// renamed.
     pub fn place(self) -> Result<(), Error> {
         self.written.iter().try_for_each(|written| require_plain(&written.file))?;
@@ -158,18 +158,18 @@ fn named(folder: &Path) -> &Path {
 /// Writes one file.
 ///
 /// # Errors
-/// When it can't be written, or something that isn't a plain file stands in its place; then that stays as it was.
+/// When it can't be written, or its place is taken by something other than a plain file; then that stays as it was.
 pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
     let mut files = Files::at(file.parent().unwrap_or(Path::new("")));
     files.add(file_name(file)?, bytes)?;
     files.place()
 }
 
-/// Makes a folder where it isn't there: the one that the user named, and one below it. What a run that was killed left in the
-/// former, or in any folder directly below, is removed.
+/// Creates a folder if necessary: the one that the user named, and one below it. Removes files that a killed run left
+/// in the former, or in any folder directly below.
 ///
 /// # Errors
-/// When it can't be made, or a link or a file stands in its place.
+/// When it can't be made, or its place is taken by a link or a file.
 pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
     static TIDIED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     begun::restore_mask();
@@ -185,11 +185,11 @@ pub fn make_folder(out: &Path, below: &str) -> Result<PathBuf, Error> {
     folder(out, Path::new(below), true)
 }
 
-/// True if files of these names could be put into a folder below the one that the user named; nothing is made. What is
-/// computed for long is better refused before than after.
+/// Checks that files of these names could be put into a folder below the one that the user named, before a long
+/// computation. Nothing is made.
 ///
 /// # Errors
-/// What stands in the place of one of them, or of the folder.
+/// When the place of a file, or of the folder, is taken by something else.
 pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
     if fs::metadata(begun::path(out)).is_ok_and(|found| !found.is_dir()) {
         return Err(refusal(out, "is not a folder. Name another one with --out"));
@@ -250,7 +250,7 @@ fn file_name(file: &Path) -> Result<&OsStr, Error> {
     file.file_name().ok_or_else(|| refusal(file, "must be the name of a file"))
 }
 
-/// An empty file beside the place of another, with its permissions.
+/// An empty file next to the place of another, with its permissions.
 fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
     let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
     remove_left_over(folder);
@@ -258,7 +258,7 @@ fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
     let before = fs::metadata(folder.join(name)).ok().map(|found| found.permissions());
     let part = loop {
         let part = created(folder, &prefix)?;
-        // The lock tells others that this file isn't left over from a process that was killed.
+        // The lock shows others that this file isn't left over from a process that was killed.
         let locked = part.as_file().try_lock();
         // Another process may have taken it for such a one before it was locked.
         if !matches!(locked, Err(TryLockError::WouldBlock)) && fs::symlink_metadata(part.path()).is_ok() {
@@ -296,7 +296,7 @@ fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if is_part(entry.file_name().as_encoded_bytes()) && entry.file_type().is_ok_and(|kind| kind.is_file()) {
             let unused = File::open(entry.path()).is_ok_and(|file| {
-                // It is removed while the lock is held: nobody else begins to use it.
+                // It is removed under the lock, so that nobody else begins to use it.
                 file.try_lock().is_ok() && fs::remove_file(entry.path()).is_ok()
             });
             let _ = unused;

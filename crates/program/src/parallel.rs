@@ -8,7 +8,7 @@ use std::thread;
 /// The most pieces of work at a time that a user wants; 0 where as many as there are cores.
 static LIMIT: AtomicUsize = AtomicUsize::new(0);
 
-/// From now on, so many pieces of work are done at a time; as many as there are cores where no number is given.
+/// Sets the number of parallel jobs from now on; the number of cores if none is given.
 pub fn limit(jobs: Option<NonZeroUsize>) {
     LIMIT.store(jobs.map_or(0, NonZeroUsize::get), Ordering::Relaxed);
 }

@@ -44,7 +44,7 @@ impl<W: Write> Writer<W> {
         Ok(Writer { out, names, size: MAGIC.len() as i64, groups: Vec::new() })
     }
 
-    /// What it writes to.
+    /// Writer of the file.
     pub fn out(&self) -> &W {
         &self.out
     }
@@ -93,7 +93,7 @@ fn page_header(values: i64, size: i64) -> Vec<u8> {
     header.end()
 }
 
-/// What the file holds: schema, the places of the columns, texts.
+/// Footer of the file: schema, places of the columns, texts.
 fn footer(names: &[String], groups: &[Group], texts: &[(String, String)]) -> Vec<u8> {
     let mut root = Struct::default();
     root.text(4, "result").i32(5, names.len() as i64);
@@ -117,7 +117,7 @@ fn footer(names: &[String], groups: &[Group], texts: &[(String, String)]) -> Vec
 }
 
 impl Group {
-    /// Where its columns are.
+    /// Places of its columns.
     fn told(&self, names: &[String]) -> Struct {
         let Group { rows, chunks } = self;
         let chunk = |(name, (offset, size)): (&String, &(i64, i64))| {
@@ -196,7 +196,7 @@ impl Struct {
         self
     }
 
-    /// The header of a list: short ones have their length beside the type.
+    /// The header of a list; that of a short one includes its length.
     fn list(&mut self, number: u8, kind: u8, length: usize) {
         self.field(number, LIST);
         if length < 15 {
@@ -219,7 +219,7 @@ impl Struct {
         self
     }
 
-    /// Seven bits a byte, the least first; the eighth says that there are more.
+    /// Writes a number with seven bits a byte, the lowest first; the eighth bit marks that more follow.
     fn varint(&mut self, mut value: u64) {
         while value >= 0x80 {
             self.bytes.push(value as u8 | 0x80);

@@ -1,16 +1,16 @@
-//! What the system has to say to and of this process: requests to end, and whose it is.
+//! Requests of the system that this process ends, and the user who owns it.
 
 use std::ffi::c_int;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-/// When the first request to end came, in seconds; none is 0.
+/// Time of the first request to end, in seconds; 0 for none.
 static ASKED: AtomicI64 = AtomicI64::new(0);
 /// A request that comes so much later, in seconds, is another one: `timeout` and shells send each twice.
 const ANOTHER: i64 = 2;
 
-/// From now on a request to end (SIGTERM: Slurm, `timeout`, containers, systemd), and a terminal or connection that is gone
-/// (SIGHUP), are noted, see [`is_asked_to_end`]; another one later ends the process with this exit code. What the process
-/// was started to ignore stays ignored, as by `nohup`.
+/// Notes requests to end (SIGTERM: Slurm, `timeout`, containers, systemd), and a terminal or connection that is gone
+/// (SIGHUP), see [`is_asked_to_end`]. Another request later ends the process with this exit code. Signals that the
+/// process was started to ignore, as by `nohup`, stay ignored.
 pub fn listen_to_requests_to_end(exit_code: u8) {
     EXIT_CODE.store(exit_code.into(), Ordering::SeqCst);
     for signal in [libc::SIGTERM, libc::SIGHUP] {
@@ -37,8 +37,8 @@ extern "C" fn hear(_: c_int) {
     }
 }
 
-/// From now on requests to end change nothing: the process ends with another one, which answers them. What it starts itself
-/// doesn't inherit that.
+/// Ignores requests to end from now on: the process ends with another one, which answers them. Its child processes
+/// don't inherit that.
 pub(crate) fn leave_requests_to_another() {
     extern "C" fn pass(_: c_int) {}
     for signal in [libc::SIGTERM, libc::SIGHUP] {

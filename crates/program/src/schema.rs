@@ -1,4 +1,4 @@
-//! The JSON schema of descriptions, made from the types that read them: what an editor completes and checks.
+//! JSON schema of descriptions, generated from the types that read them, for completion and checks in editors.
 
 mod start;
 
@@ -79,7 +79,7 @@ fn shared(starts: Vec<Start>) -> (Vec<Variables>, Map<String, Value>) {
 }
 
 impl Variables {
-    /// What `[start]` holds.
+    /// Schema of `[start]`.
     fn schema(&self) -> Value {
         json!({ "properties": self.whole, "patternProperties": self.elements })
     }
@@ -123,7 +123,7 @@ pub struct Key {
     pub model: Option<&'static str>,
     /// The key, as `filter.gain`.
     pub name: String,
-    /// What it is, as its doc comment says it; nothing where there is none.
+    /// Its doc comment; empty if there is none.
     pub text: String,
     /// Its schema.
     pub schema: Value,

@@ -13,21 +13,21 @@ use crate::error::Error;
 /// The name of each: this, and so many random characters.
 const PREFIX: &str = ".adaptive-fmu-run-";
 const RANDOM: usize = 6;
-/// A file in each that is locked while the folder is in use: it tells others so, and that the folder was made here.
+/// A file in each that is locked while the folder is in use. It shows others so, and that this program made the folder.
 const LOCK: &str = "adaptive-fmu.lock";
-/// What is beside that file: the folder that is handed out.
+/// The folder next to that file that is handed out.
 const FILES: &str = "files";
 
-/// A temporary folder of this process, for its user alone.
+/// A temporary folder of this process, accessible to its user only.
 #[derive(Debug)]
 pub struct Scratch {
     path: PathBuf,
     _lock: File,
-    /// What is removed with this value.
+    /// Folder that is removed with this value.
     _folder: TempDir,
 }
 
-/// What makes a folder that is the user's alone.
+/// Builder of a folder that only its user can access.
 fn private() -> fs::DirBuilder {
     #[allow(unused_mut)]
     let mut builder = fs::DirBuilder::new();

@@ -10,16 +10,16 @@ use sha2::{Digest, Sha256};
 use crate::error::Error;
 use crate::{begun, output, text_file};
 
-/// What a file holds beside its content.
+/// Key of the checksum in a file.
 const CHECKSUM: &str = "checksum";
-/// What a file may hold, in bytes: many times what the largest search leaves.
+/// The largest file that is read, in bytes: many times what the largest search leaves.
 const LARGEST: u64 = 1 << 28;
 
-/// So many differences are named in a message, each by so many characters at most.
+/// The most differences in a message, and the most characters of each.
 const MOST_NAMED: usize = 8;
 const LONGEST_NAMED: usize = 300;
 
-/// So many bytes of a file are read at a time.
+/// Number of bytes of a file that are read at a time.
 const BUFFER: usize = 1 << 16;
 
 /// The SHA-256 checksum of contents, in hexadecimal digits.
@@ -49,7 +49,7 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// What writes on, and sums up what it writes.
+/// A writer that computes the checksum of its output.
 #[derive(Debug)]
 pub struct Summed<W> {
     out: W,
@@ -62,12 +62,12 @@ impl<W> Summed<W> {
         Summed { out, hash: Sha256::new() }
     }
 
-    /// What it writes to.
+    /// Its inner writer.
     pub fn out(&self) -> &W {
         &self.out
     }
 
-    /// What it wrote to, and the SHA-256 checksum of what it wrote, in hexadecimal digits.
+    /// Returns the inner writer, and the SHA-256 checksum of all that was written, in hexadecimal digits.
     pub fn end(self) -> (W, String) {
         (self.out, hexadecimal(&self.hash.finalize()))
     }
@@ -88,13 +88,13 @@ impl<W: Write> Write for Summed<W> {
 /// The content of a file, and whether its checksum fits.
 #[derive(Debug)]
 pub struct Sealed {
-    /// What it holds.
+    /// Content.
     pub content: Value,
     /// True if the checksum is that of the content; none where the file holds no checksum.
     pub fits: Option<bool>,
 }
 
-/// Writes content, an object, with its checksum. An earlier file is replaced at once or not at all.
+/// Writes content, an object, with its checksum. An earlier file is replaced as a whole or not at all.
 ///
 /// # Errors
 /// When it can't be written.
@@ -118,14 +118,14 @@ pub fn read(file: &Path, what: &str) -> Result<Sealed, Error> {
     Ok(Sealed { content, fits })
 }
 
-/// What differs between two contents, by the ways to it: `units.plant.guid was 1, is 2`.
+/// Differences between two contents, by the ways to them: `units.plant.guid was 1, is 2`.
 pub fn differences(was: &Value, is: &Value) -> Vec<String> {
     let mut found = Vec::new();
     compare(was, is, String::new(), &mut found);
     found
 }
 
-/// What differs between two contents as a text; none where nothing does. Of many differences the first are named.
+/// Differences between two contents as a text that lists the first ones; none if there are none.
 pub fn differing(was: &Value, is: &Value) -> Option<String> {
     listed(&differences(was, is))
 }

@@ -17,7 +17,7 @@ pub trait Workers: Send + Sync {
 
 static EMPLOYED: RwLock<Option<Arc<dyn Workers>>> = RwLock::new(None);
 
-/// From now on, commands hand out their jobs to these workers, or carry them out themselves.
+/// Hands out jobs of commands to these workers from now on; with `None`, commands do their jobs themselves.
 pub fn employ(workers: Option<Arc<dyn Workers>>) {
     *EMPLOYED.write().unwrap_or_else(PoisonError::into_inner) = workers;
 }

@@ -47,7 +47,7 @@ pub struct Found {
     pub seen: Vec<usize>,
 }
 
-/// Held-out motion that is less, in parts of the noise, shows nothing.
+/// Least held-out motion that shows anything, in parts of the noise.
 const LEAST_MOTION: f64 = 2.0;
 /// A value so near to an end of its range, in parts of it, is at it.
 const AT_END: f64 = 1e-3;

@@ -206,8 +206,8 @@ impl Session {
         *number = wanted.number.max(*number);
     }
 
-    /// Runs the loop. `tell` passes on the progress, and returns true if the page still listens. A newer request of the
-    /// same page also ends the run.
+    /// Runs the loop and reports its progress. It ends early if nobody listens any more, or for a newer request of the
+    /// same page.
     pub(super) fn run(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
         let _running = Arc::clone(&self.running);
         let (base, values) = self.find(wanted)?;

@@ -9,7 +9,7 @@ use crate::drawing::escaped;
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
 /// A browser that obeys this loads nothing, and runs nothing.
 const STILL: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
-/// How pages look.
+/// Style of pages.
 pub const STYLE: &str = "
   body { font: 16px/1.5 system-ui, sans-serif; max-width: 75em; margin: 1.5em auto; padding: 0 1em; color: #1b1b1b; }
   h1 { font-size: 1.5em; margin-bottom: 0; }
@@ -21,7 +21,7 @@ pub const STYLE: &str = "
   .bad { color: #b00020; font-weight: bold; }
   @media print { body { margin: 0; font-size: 12px; } .diagram, table { break-inside: avoid; } }
 ";
-/// How diagrams look.
+/// Style of diagrams.
 pub const DIAGRAMS: &str = "
   .diagram { display: flex; gap: .8em; }
   .plot { position: relative; flex: 1; min-width: 0; }
@@ -68,11 +68,11 @@ pub const DIAGRAMS: &str = "
     .chart { background: #f4f4f4; }
   }
 ";
-/// What draws the diagrams, and lets a reader zoom them.
+/// Script that draws the diagrams, and lets a reader zoom them.
 pub const SCRIPT: &str = include_str!("page.js");
 
-/// The beginning of a page that needs no script and loads nothing: title, what it is about, and how it looks beside what every
-/// page has.
+/// The beginning of a page that needs no script and loads nothing: title, subject, and style in addition to that of
+/// every page.
 pub fn still(title: &str, about: &str, style: &str) -> String {
     let (title, about) = (escaped(title), escaped(about));
     format!(
@@ -115,7 +115,7 @@ pub(crate) fn beginning(name: &str, description: &str) -> String {
     )
 }
 
-/// What draws the diagrams of a page, and its end.
+/// Adds the script that draws the diagrams of a page, and its end.
 pub(crate) fn ending(page: &mut String) {
     let _ = writeln!(page, "<script>\n{SCRIPT}</script>\n</body>\n</html>");
 }

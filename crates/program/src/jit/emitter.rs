@@ -13,28 +13,28 @@ use cranelift_codegen::isa::CallConv;
 use crate::fmi2::kernel::{Callees, Write};
 use crate::recording::{Binary, Body, Comparison, Leaf, Node, Operation, Unary, needed};
 
-/// Where a function finds what it is given: a number, and where others lie.
+/// Arguments of a function: a number, and addresses of others.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Given {
     pub time: Option<Value>,
     pub reals: Option<Value>,
     pub integers: Option<Value>,
-    /// What is [`Leaf::Change`].
+    /// Address of [`Leaf::Change`].
     pub changes: Option<Value>,
-    /// What is [`Leaf::Slope`].
+    /// Address of [`Leaf::Slope`].
     pub slopes: Option<Value>,
 }
 
-/// What a function writes: numbers of the tape, and where they go.
+/// Results of a function: numbers of the tape, and their places.
 pub(super) struct Written<'a> {
-    /// Where the places are counted from.
+    /// Address from which places are counted.
     pub to: Value,
-    /// What reads there, if anything does.
+    /// Leaf that reads a place, if any.
     pub read: Option<fn(u32) -> Leaf>,
     pub writes: &'a [Write],
 }
 
-/// What is known of an operation.
+/// Value of an operation.
 #[derive(Debug, Clone)]
 enum Found {
     Nothing,
@@ -52,15 +52,15 @@ pub(super) struct Emitter<'a> {
     callees: &'a Callees,
     pointer: Type,
     given: Given,
-    /// Of functions of one to three numbers.
+    /// Signatures of functions of one to three numbers.
     signatures: [SigRef; 3],
 }
 
-/// Why operations can't be written: they don't belong together.
+/// Result, or the reason why operations can't be written: they don't belong together.
 type Answer<T = ()> = Result<T, String>;
 
 impl<'a> Emitter<'a> {
-    /// At the end of what the cursor stands in.
+    /// An emitter that writes at the cursor.
     pub fn new(
         cursor: FuncCursor<'a>,
         callees: &'a Callees,
@@ -312,9 +312,9 @@ fn arguments<'v>(values: impl IntoIterator<Item = &'v Value>) -> Vec<BlockArg> {
     values.into_iter().map(|&value| BlockArg::Value(value)).collect()
 }
 
-/// What is still to be written. A number goes to its place when it is there, unless what lies there is read later.
+/// Numbers still to be written. A number is written as soon as it is known, unless its place is read later.
 struct Pending {
-    /// By the operation: where it goes.
+    /// Address and offset by operation.
     now: HashMap<usize, Vec<(Value, i32)>>,
     last: Vec<(usize, Value, i32)>,
     overwritten: Vec<Leaf>,

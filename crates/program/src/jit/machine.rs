@@ -18,7 +18,7 @@ use crate::fmi2::kernel::{Functions, Solver};
 use crate::kernel::{Code, Decompose, Differentiate, Evaluate, Kernel, Solve};
 use crate::recording::{Leaf, Node, Operation};
 
-/// Of the first instruction of a function, bytes.
+/// Alignment of the first instruction of a function, bytes.
 const ALIGNMENT: usize = 64;
 
 /// A kernel, and the memory that its code is in.
@@ -31,15 +31,15 @@ pub struct Compiled {
 }
 
 impl Compiled {
-    /// Of recorded functions.
+    /// Compiles recorded functions.
     ///
     /// # Errors
-    /// Why there is none: no compiler for this processor, or no memory for code.
+    /// There is no compiler for this processor, or no memory for code.
     pub fn of(functions: &Functions) -> Result<Self, String> {
         Self::made(functions, true)
     }
 
-    /// Of those that evaluate the equations alone, which are to be there soon.
+    /// Compiles only the evaluation of the equations, which is needed soon.
     ///
     /// # Errors
     /// As [`Compiled::of`].
@@ -67,8 +67,8 @@ impl Compiled {
                 solve: solver.map(|[_, place]| transmute::<*const u8, Solve>(at(place))),
             }
         };
-        // SAFETY: the library that told the functions counts places within the sizes that it told with them; the code lies in
-        // memory as long as this does.
+        // SAFETY: the library that gave the functions counts places within the sizes that it gave with them. The code
+        // stays in memory as long as this value.
         let kernel = unsafe { Kernel::new(functions.sizes, code_of) };
         Ok(Compiled { kernel, _code: code, _slopes: slopes })
     }
@@ -79,7 +79,7 @@ impl Compiled {
     }
 }
 
-/// Why nothing can be compiled in this process, where that is so.
+/// Reason why nothing can be compiled in this process; none if it can.
 pub fn refused() -> Option<String> {
     static REFUSED: OnceLock<Option<String>> = OnceLock::new();
     REFUSED.get_or_init(|| own_isa("none").and_then(|_| in_memory(&[0; ALIGNMENT])).err()).clone()
@@ -125,7 +125,7 @@ struct Assembly<'a> {
     code: Vec<u8>,
 }
 
-/// What a function is made of: the operations, and the condition that it returns.
+/// Contents of a function: the operations, and the condition that it returns.
 type Operations<'a> = (&'a [Operation], Option<Node>);
 
 impl<'a> Assembly<'a> {

@@ -1,9 +1,9 @@
-//! Where no code can be made while a program runs.
+//! Platforms on which a running program can't generate code.
 
 use crate::fmi2::kernel::Functions;
 use crate::kernel::Kernel;
 
-/// There is none.
+/// Compiled functions, of which there are none.
 #[derive(Debug)]
 pub enum Compiled {}
 
@@ -26,13 +26,13 @@ impl Compiled {
         Err(REASON.to_owned())
     }
 
-    /// Of none.
+    /// Kernel, which never exists.
     pub fn kernel(&self) -> &Kernel {
         match *self {}
     }
 }
 
-/// Why nothing can be compiled.
+/// Reason why nothing can be compiled.
 pub fn refused() -> Option<String> {
     Some(REASON.to_owned())
 }

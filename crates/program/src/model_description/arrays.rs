@@ -47,7 +47,7 @@ impl Type {
         ("Enumeration", Type::Enumeration),
     ];
 
-    /// Of an element of `ModelVariables`; none for a Binary or a Clock.
+    /// Type of an element of `ModelVariables`; none for a Binary or a Clock.
     fn of(node: Node) -> Option<Self> {
         Self::ALL.iter().find(|(name, _)| node.has_tag_name(*name)).map(|(_, one)| *one)
     }
@@ -66,7 +66,7 @@ impl Type {
         }
     }
 
-    /// As FMI 2.0 names what it is read as.
+    /// Name of the type in FMI 2.0 that it is read as.
     fn in_fmi_2(self) -> &'static str {
         match self {
             Type::Float32 | Type::Float64 => "Real",

@@ -19,14 +19,14 @@ use self::arrays::Arrays;
 use crate::fmi2::calls::Standard;
 use crate::system::{NO_LIMIT, Number, TELLS_NO_LIMIT};
 
-/// What a master needs of a modelDescription.xml.
+/// Content of a modelDescription.xml that a master needs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelDescription {
     /// Version of the standard.
     pub standard: Standard,
     /// Name of the model.
     pub name: String,
-    /// What it is.
+    /// Description.
     pub description: String,
     /// True if it is for co-simulation.
     pub co_simulation: bool,
@@ -40,7 +40,7 @@ pub struct ModelDescription {
     pub guid: String,
     /// Tool that made it.
     pub generation_tool: String,
-    /// Whose it is: author, version, license, copyright, as far as the file says it.
+    /// Author, version, license and copyright, as far as the file has them.
     pub about: Vec<(&'static str, String)>,
     /// Default start time, s.
     pub start_time: Option<f64>,
@@ -67,7 +67,7 @@ pub struct ModelDescription {
 pub struct Variable {
     /// Name.
     pub name: String,
-    /// What it is.
+    /// Description.
     pub description: String,
     /// Value reference; in FMI 3.0 its number among the elements of all [`ModelDescription::arrays`].
     pub reference: u32,
@@ -79,7 +79,7 @@ pub struct Variable {
     pub kind: String,
     /// Unit.
     pub unit: Option<String>,
-    /// What that is, as the file defines it or its text tells; without its offset, where values are differences.
+    /// Definition of its unit, from the file or from the unit's name; without its offset, where values are differences.
     pub measure: Option<Arc<UnitDefinition>>,
     /// Start value.
     pub start: Option<String>,
@@ -87,31 +87,31 @@ pub struct Variable {
     pub min: Option<String>,
     /// Largest value.
     pub max: Option<String>,
-    /// exact, approx or calculated, where the file says it.
+    /// exact, approx or calculated, if the file has it.
     pub initial: Option<String>,
-    /// Usual magnitude, where the file says one above 0.
+    /// Usual magnitude, if the file has one above 0.
     pub nominal: Option<f64>,
     /// Items of an enumeration with their numbers.
     pub items: Vec<(String, i32)>,
 }
 
-/// Attributes that say whose an FMU is.
+/// Attributes that name the origin of an FMU.
 pub const ABOUT: [&str; 4] = ["author", "version", "license", "copyright"];
 
 impl Variable {
-    /// Smallest and largest value; infinite where the file says none.
+    /// Smallest and largest value; infinite where the file has none.
     pub fn bounds(&self) -> (f64, f64) {
         let bound = |text: &Option<String>| text.as_ref().and_then(|text| text.trim().parse::<f64>().ok());
         (bound(&self.min).unwrap_or(f64::NEG_INFINITY), bound(&self.max).unwrap_or(f64::INFINITY))
     }
 
-    /// True if a value of it stands for no limit, as its description says.
+    /// True if this value means no limit according to its description.
     pub fn is_no_limit(&self, value: &str) -> bool {
         let number = value.trim().parse().map(f64::abs);
         self.kind == "Real" && number == Ok(NO_LIMIT) && self.description.ends_with(TELLS_NO_LIMIT)
     }
 
-    /// A value of it as a person wants to read it: where it tells that [`NO_LIMIT`] stands for none, "no limit".
+    /// A value of it for people: "no limit" if its description gives [`NO_LIMIT`] this meaning.
     pub fn shown(&self, value: &str) -> String {
         let number = if self.kind == "Real" { value.trim().parse().ok() } else { None };
         match number {
@@ -196,7 +196,7 @@ impl ModelDescription {
         self.variables.iter().position(|variable| variable.name == name)
     }
 
-    /// True if an output depends on an input without delay, by their places; none where the FMU doesn't tell.
+    /// True if an output depends on an input without delay, by their places; none if the FMU lacks dependencies.
     pub fn is_fed_through(&self, input: usize, output: usize) -> Option<bool> {
         let known = self.dependencies.iter().find(|(place, _)| *place == output);
         known.and_then(|(_, on)| on.as_ref()).map(|on| on.contains(&input))
@@ -283,7 +283,7 @@ fn types<'a, 'input>(root: Node<'a, 'input>) -> HashMap<&'a str, Node<'a, 'input
     types.filter_map(|node| Some((node.attribute("name")?, node.children().find(Node::is_element)?))).collect()
 }
 
-/// The units of variables, each kept once; by its name, and whether values are differences.
+/// The units of variables, each stored once; by its name, and whether values are differences.
 struct Measures(HashMap<(String, bool), Arc<UnitDefinition>>);
 
 impl Measures {

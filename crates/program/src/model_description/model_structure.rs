@@ -8,7 +8,7 @@ use super::arrays::{Arrays, variables};
 use super::{Measures, attribute, child, elements, standard, xml};
 use crate::fmi2::calls::Standard;
 
-/// Which variables are states, derivatives and outputs: by their places among the variables.
+/// States, derivatives and outputs, by their places among the variables.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelStructure {
     /// States and their derivatives.

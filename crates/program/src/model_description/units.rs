@@ -11,7 +11,7 @@ use crate::system::{BASE_UNITS, Base, Unit};
 pub struct UnitDefinition {
     /// Its name.
     pub name: String,
-    /// Exponents of kg, m, s, A, K, mol, cd and rad; none where neither the file nor the text of its name tells.
+    /// Exponents of kg, m, s, A, K, mol, cd and rad; none if neither the file nor its name gives them.
     pub dimension: Option<[i32; 8]>,
     /// Factor.
     pub factor: f64,
@@ -51,7 +51,7 @@ impl UnitDefinition {
         UnitDefinition { name: name.to_owned(), dimension: base.map(|base| base.exponents), factor, offset }
     }
 
-    /// Reads a Unit element of FMI or SSP; the reason when a number is none. What it doesn't tell, its name does.
+    /// Reads a Unit element of FMI or SSP; without a BaseUnit, its name defines it. The error names a wrong number.
     pub(crate) fn read(node: Node) -> Result<Self, String> {
         let name = attribute(node, "name").ok_or("a Unit has no name")?;
         let Some(base) = child(node, "BaseUnit") else {
@@ -81,8 +81,8 @@ impl UnitDefinition {
         UnitDefinition { offset: 0.0, ..self }
     }
 
-    /// How a value in this unit becomes one in another; none when their dimensions differ. The radian is a plain number
-    /// too. A unit of unknown dimension converts to no other: the value stays as it is.
+    /// Conversion of a value in this unit to another; none if their dimensions differ. The radian counts as a plain
+    /// number, too. A unit of unknown dimension leaves the value as it is.
     pub fn to(&self, other: &UnitDefinition) -> Option<Affine> {
         let is_plain = self.is_number() && other.is_angle() || other.is_number() && self.is_angle();
         match (self.dimension, other.dimension) {
@@ -94,7 +94,7 @@ impl UnitDefinition {
         }
     }
 
-    /// Why a person should look at what [`to`](Self::to) does between two units, if there is a reason.
+    /// Reason why a person should check the conversion by [`to`](Self::to); none if it is certain.
     pub(crate) fn doubt(&self, other: &UnitDefinition) -> Option<&'static str> {
         if self.dimension.is_none() || other.dimension.is_none() {
             return (self.name != other.name)
@@ -150,7 +150,7 @@ mod tests {
         let [one, rad, deg, rate, metre, percent] = ["1", "rad", "deg", "rpm", "m", "%"].map(UnitDefinition::named);
         assert_eq!((one.to(&rad), rad.to(&one)), (Some(Affine::IDENTITY), Some(Affine::IDENTITY)));
         assert_eq!((one.doubt(&rad), rad.doubt(&one), one.doubt(&one), rad.doubt(&deg)), (None, None, None, None));
-        // What is converted to or from a plain number is told.
+        // Conversions to and from plain numbers give a warning.
         assert_eq!((deg.to(&one).unwrap().of(180.0), one.to(&percent).unwrap().of(0.5)), (std::f64::consts::PI, 50.0));
         assert!(deg.doubt(&one).is_some() && one.doubt(&percent).is_some() && percent.doubt(&one).is_some());
         for other in [&metre, &rate] {

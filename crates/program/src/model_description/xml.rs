@@ -31,7 +31,7 @@ fn check_attributes(text: &str) -> Result<(), String> {
                     return Err(format!("an element has more than {MOST_ATTRIBUTES} attributes"));
                 }
             }
-            // What is broken is told by the other reader, with its place.
+            // The other reader reports errors, with their places.
             Ok(Event::Eof) | Err(_) => return Ok(()),
             Ok(_) => {}
         }

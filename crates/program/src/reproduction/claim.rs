@@ -1,4 +1,4 @@
-//! What an example claims, and whether that holds.
+//! Claims of an example, and their check.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ use crate::results::{Ending, Measured, Verdict, four_digits};
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
-    /// In words.
+    /// Wording.
     pub text: String,
     /// Metrics that are within their limits.
     #[serde(default)]
@@ -24,7 +24,7 @@ pub struct Claim {
     pub than: Vec<String>,
     /// A run that ends as it is to: with a failure.
     pub fails: Option<String>,
-    /// What is to be said of it, where it doesn't hold, or not for the reason that is given.
+    /// Remark on a claim that doesn't hold, or not for the reason that is given.
     #[serde(default)]
     pub remark: String,
 }
@@ -34,11 +34,11 @@ pub struct Claim {
 pub struct Judged {
     /// The claim in words.
     pub claim: String,
-    /// What was measured.
+    /// Measured values.
     pub measured: String,
     /// True if it holds.
     pub holds: bool,
-    /// What is to be said of it.
+    /// Remark on it.
     pub remark: String,
 }
 

@@ -10,7 +10,7 @@ use crate::figures::{Diagram, Given, Part, Path, Shown, bound, figure, labelled,
 use crate::structure::{PerformanceFunction, Plot, Scale, Structure};
 use crate::text_file::csv_field;
 
-/// Names of the axes of paths, unless a figure says otherwise.
+/// Default names of the axes of paths.
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Points of a drawn funnel.
 const STEPS: usize = 400;
@@ -39,7 +39,7 @@ pub struct Figure {
     pub x: String,
     /// Words at the axes of lines.
     pub y: String,
-    /// What its curves or paths are in it; none before a structure tells.
+    /// Parts of its curves or paths; none before a structure is known.
     #[serde(skip)]
     parts: Vec<Part>,
     #[serde(skip)]
@@ -52,7 +52,7 @@ pub struct Figure {
 pub struct Line {
     /// Its name.
     pub name: String,
-    /// Where its points are; 1, 2, … unless told.
+    /// Abscissas of its points [default: 1, 2, …].
     #[serde(default)]
     pub x: Vec<Coordinate>,
     /// Their values.
@@ -116,7 +116,7 @@ impl Figure {
         }
     }
 
-    /// What its curves, or its paths, are, as the loop of the first run tells.
+    /// Parts of its curves or paths, from the loop of the first run.
     fn parts_by<'a>(&self, structure: impl Fn(&str) -> Option<&'a Structure>) -> Vec<Part> {
         let shown: Vec<&Curve> = if self.paths.is_empty() {
             self.curves.iter().collect()
@@ -150,7 +150,7 @@ impl Figure {
         Ok(Drawing { name, title, thesis, svg, csv: self.csv(outcomes)? })
     }
 
-    /// It as a diagram.
+    /// Converts it to a diagram.
     ///
     /// # Errors
     /// When a run lacks a curve.
@@ -245,7 +245,7 @@ impl Figure {
 }
 
 impl Line {
-    /// Where its points are.
+    /// Abscissas of its points.
     fn places(&self, outcomes: &[Outcome]) -> Result<Vec<f64>, String> {
         if self.x.is_empty() {
             return Ok((1..=self.y.len()).map(|place| place as f64).collect());

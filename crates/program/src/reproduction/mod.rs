@@ -1,6 +1,6 @@
-//! The thesis' examples on one page: what is run for each, what it claims, and what was corrected (`report`).
+//! The thesis' examples on one page: the runs of each, its claims, and what was corrected (`report`).
 //!
-//! A [`Study`] is data: examples, each with its runs, figures and claims. [`Outcome`] is what is kept of a run;
+//! A [`Study`] is data: examples, each with its runs, figures and claims. [`Outcome`] stores the results of a run;
 //! [`Page`] shows them all.
 
 mod claim;
@@ -27,7 +27,7 @@ pub use page::{Done, Page};
 pub struct Study {
     /// Title of the page.
     pub title: String,
-    /// What it is about.
+    /// Introduction.
     pub about: String,
     /// The examples.
     pub example: Vec<Example>,
@@ -41,26 +41,26 @@ pub struct Example {
     pub name: String,
     /// Title.
     pub title: String,
-    /// What it is about.
+    /// Introduction.
     pub about: String,
-    /// Where it stands in the thesis.
+    /// Its section in the thesis.
     #[serde(default)]
     pub thesis: String,
     /// The figures of the thesis, as `3.2`, that show what figures of these titles show.
     #[serde(default)]
     pub thesis_figures: BTreeMap<String, String>,
-    /// What had to be corrected in it.
+    /// Corrections to it.
     #[serde(default)]
     pub corrections: Vec<String>,
-    /// What is run for it.
+    /// Its runs.
     pub run: Vec<Run>,
-    /// Figures beside those of the loops themselves.
+    /// Figures in addition to those of the loops themselves.
     #[serde(default)]
     pub figure: Vec<Figure>,
-    /// Tables beside those of metrics.
+    /// Tables in addition to those of metrics.
     #[serde(default)]
     pub table: Vec<Table>,
-    /// What it claims.
+    /// Its claims.
     pub claim: Vec<Claim>,
 }
 
@@ -83,10 +83,10 @@ pub struct Run {
     /// The loop.
     #[serde(rename = "loop")]
     pub name: String,
-    /// True if it is run as one unit.
+    /// True if it is run as a single FMU.
     #[serde(default)]
     pub composite: bool,
-    /// A parameter set that lies beside the loop.
+    /// A parameter set in the folder of the loop.
     pub case: Option<String>,
     /// Communication step in s, in place of the loop's own.
     pub step: Option<f64>,
@@ -95,7 +95,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// What it is called in figures and claims.
+    /// Its name in figures and claims.
     pub fn key(&self) -> String {
         let case = self.case.iter().map(|case| format!(", {case}"));
         let whole = self.composite.then(|| ", as one unit".to_owned());
@@ -111,7 +111,7 @@ pub struct Curve {
     pub run: String,
     /// The signal.
     pub of: String,
-    /// What is subtracted from it.
+    /// Signal that is subtracted from it.
     pub minus: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What is kept of a run: its metrics, and the curves that figures show of it.
+//! Stored results of a run: its metrics, and the curves that figures show of it.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use crate::figures::thinned;
 use crate::results::{Ending, Measured, Report, Verdict, four_digits};
 use crate::structure::{Metric, Structure};
 
-/// Groups of points in a kept curve, in its first part, where peaks are, and in the rest.
+/// Groups of points in a stored curve, in its first part, where peaks are, and in the rest.
 const GROUPS: usize = 1500;
 const FIRST: f64 = 0.05;
 /// The most rows of a curve in its file, and the most points of a path.
@@ -17,15 +17,15 @@ const MOST_ROWS: usize = 2000;
 /// A run that is over.
 #[derive(Debug)]
 pub struct Outcome {
-    /// What it is called in figures and claims.
+    /// Its name in figures and claims.
     pub run: String,
-    /// How it is judged.
+    /// Verdict on it.
     pub verdict: Verdict,
-    /// How it ended.
+    /// Its ending.
     pub ending: Ending,
     /// Time of the last point, s.
     pub end: f64,
-    /// How long it took.
+    /// Duration of the computation.
     pub took: Duration,
     /// Its metrics.
     pub measured: Vec<Measured>,
@@ -35,11 +35,11 @@ pub struct Outcome {
 /// A curve of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Samples {
-    /// As many points as a figure may show, all peaks kept.
+    /// Points for figures, with all peaks.
     pub drawn: Vec<(f64, f64)>,
-    /// Every so many communication points.
+    /// Points at every so many communication points.
     pub rows: Vec<(f64, f64)>,
-    /// Unit of measurement, if one is told.
+    /// Unit of measurement, if known.
     pub unit: Option<String>,
 }
 
@@ -64,7 +64,7 @@ impl Outcome {
         })
     }
 
-    /// What a run of a loop will be judged by, before it is run: its metrics have no values yet.
+    /// Outcome of a loop before its run: metrics without values.
     pub fn before(run: &str, structure: &Structure) -> Self {
         let metrics = structure.metrics.iter();
         let measured =
@@ -82,7 +82,7 @@ impl Outcome {
         self.curves.get(curve)
     }
 
-    /// How it ended, in a few words.
+    /// Its ending in a few words.
     pub fn told(&self) -> String {
         match self.ending {
             Ending::Complete => format!("ran to {} s", self.end),

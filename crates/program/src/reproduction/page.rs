@@ -23,9 +23,9 @@ const OWN_STYLE: &str = "
   @media print { h2 { break-before: page; } .figures { grid-template-columns: 1fr 1fr; } }
 ";
 
-/// Where there is no number.
+/// Cell without a number.
 const NONE: &str = "<td class=\"number\">–";
-/// What the columns about linear limits mean.
+/// Explanation of the columns about linear limits.
 const ABOUT_LIMIT: &str = "<p>The linear limit is the loop with the linear controller that its L1 controller tends to as its \
 adaptation gets fast, of the same description. What adaptation adds is the metric as it is, less that of the limit.</p>\n";
 
@@ -47,9 +47,9 @@ pub struct Done {
 /// All of it.
 #[derive(Debug)]
 pub struct Page<'a> {
-    /// What was asked for.
+    /// Runs and claims that were asked for.
     pub study: &'a Study,
-    /// What came out, in the order of the examples.
+    /// Results, in the order of the examples.
     pub done: &'a [Done],
 }
 
@@ -156,7 +156,7 @@ fn push_claims(page: &mut String, claims: &[Judged]) {
     page.push_str("</table></div>\n");
 }
 
-/// Each run beside the same with adaptation frozen, and beside its linear limit.
+/// Adds tables that compare each run with the same run with adaptation frozen, and with its linear limit.
 fn push_adaptation(page: &mut String, example: &Example, done: &Done) {
     page.push_str("<h3>What adaptation adds</h3>\n");
     let all = example.run.iter().zip(&done.outcomes).zip(&done.frozen).zip(&done.linear);
@@ -179,7 +179,7 @@ fn push_adaptation(page: &mut String, example: &Example, done: &Done) {
     }
 }
 
-/// By how much a run's metrics differ from those of its linear limit.
+/// Returns the differences of a run's metrics from those of its linear limit.
 fn added<'a>(own: &Outcome, linear: &Outcome, labels: impl Iterator<Item = &'a str>) -> String {
     let value = |outcome: &Outcome, label| {
         let measured = outcome.measured.iter().find(|metric| metric.label == label);

@@ -1,7 +1,7 @@
-//! What `[start]` of each kind may hold: the parameters and inputs of every structure that the kind has.
+//! Schema of `[start]` of each kind: the parameters and inputs of every structure that the kind has.
 //!
-//! Variables follow from structures, so the kinds are asked: those of this package's descriptions are declared, and so are
-//! they with one or two of their choices made otherwise, and with start values by rows. Sizes are left open.
+//! Variables follow from structures, so they are collected from kinds: with the structures of this package's
+//! descriptions, with one or two choices of these made otherwise, and with start values by rows. Sizes are left open.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use crate::library::REGISTRY;
 use crate::model::{Description, Model};
 use crate::system::{Causality, Data, Naming, Section, Variable};
 
-/// What `[start]` of a kind may hold: the schema of each variable, and of each element, by the variable's name.
+/// Content of `[start]` of a kind: the schema of each variable, and of each element, by the variable's name.
 #[derive(Debug, Default)]
 pub(super) struct Start {
     whole: BTreeMap<String, Known>,
@@ -22,7 +22,7 @@ pub(super) struct Start {
 /// A variable of a kind.
 #[derive(Debug)]
 struct Known {
-    /// What it is, with its unit.
+    /// Description, with its unit.
     text: String,
     /// Its schemas, one a structure that makes it another.
     schemas: Vec<Value>,
@@ -31,11 +31,11 @@ struct Known {
 /// Keys whose texts are a user's own.
 const TEXTS: [&str; 2] = ["units", "quantities"];
 
-/// How many numbers of a choice are tried.
+/// The most numbers of a choice that are tried.
 const MOST_NUMBERS: usize = 10;
 
 impl Start {
-    /// That of a kind with this schema of its structure.
+    /// Content for a kind with this schema of its structure.
     pub fn of(kind: &str, structure: &Value) -> Self {
         let mut start = Start::default();
         let described = exporter::descriptions().iter().filter_map(|(_, text)| Description::read(text).ok());
@@ -129,7 +129,7 @@ fn with(description: &Description, (key, value): &(String, toml::Value)) -> Desc
     other
 }
 
-/// With lists of rows in place of its lists of numbers: some parameters may be either.
+/// The same with lists of rows in place of lists of numbers: some parameters may be either.
 fn by_rows(description: &Description) -> Description {
     let mut other = description.clone();
     let lists = other.start.iter_mut().filter(|(_, value)| value.is_array());
@@ -175,7 +175,7 @@ fn whole(variable: &Variable, one: &Value) -> Value {
     }
 }
 
-/// What a variable is, with its unit, where all elements have one.
+/// Description of a variable, with the unit that all elements share, if any.
 fn text(variable: &Variable) -> String {
     let texts: BTreeSet<&str> = variable.description.iter().map(String::as_str).collect();
     let text = texts.into_iter().collect::<Vec<_>>().join("; ");

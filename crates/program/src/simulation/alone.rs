@@ -1,4 +1,4 @@
-//! One unit alone, in co-simulation or model exchange, with inputs over time.
+//! A single FMU in co-simulation or model exchange, with inputs over time.
 
 use std::sync::Arc;
 
@@ -16,12 +16,12 @@ use crate::model_description::{ModelDescription, ModelStructure, Variable};
 use crate::near;
 use crate::structure::{Event, Settings};
 
-/// What is run, and how.
+/// A run of a single FMU.
 #[derive(Debug)]
 pub struct Alone<'a> {
     /// The unit.
     pub fmu: &'a Arc<Fmu>,
-    /// By which interface.
+    /// Its interface.
     pub interface: Interface,
     /// Relative tolerance of the integration in model exchange.
     pub tolerance: f64,
@@ -29,7 +29,7 @@ pub struct Alone<'a> {
     pub start: &'a [(String, String)],
     /// Inputs over time.
     pub inputs: Option<&'a Inputs>,
-    /// What is recorded beside the outputs.
+    /// Variables that are recorded in addition to the outputs.
     pub further: &'a [String],
     /// Values that variables get during the run, in the order of their times.
     pub events: &'a [AloneEvent],
@@ -75,10 +75,10 @@ enum Running<'a> {
 }
 
 impl Alone<'_> {
-    /// Runs the unit. `progress` is told the time, and may end the run by answering false.
+    /// Runs the FMU. `progress` gets the time, and may end the run by returning false.
     ///
     /// # Errors
-    /// When the unit fails, together with what was recorded until then.
+    /// When the FMU fails, together with what was recorded until then.
     pub fn run(
         &self,
         settings: Settings,
@@ -129,7 +129,7 @@ impl Alone<'_> {
         freed.map(drop)
     }
 
-    /// What is recorded; the recording has their names then.
+    /// Variables that are recorded; their names are added to the recording.
     fn ports(&self, recording: &mut Recording) -> Result<Ports, Error> {
         let description = &self.fmu.description;
         let mut places: Vec<usize> = signals(description).map(|(place, _)| place).collect();

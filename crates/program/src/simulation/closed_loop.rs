@@ -27,9 +27,9 @@ pub struct Place {
 /// A value that a variable gets while a loop runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
-    /// When, s.
+    /// Time, s.
     pub at: f64,
-    /// Of which variable.
+    /// Its variable.
     pub place: Place,
     /// The value.
     pub value: Value,
@@ -46,12 +46,12 @@ struct WiredUnit {
     by_events: bool,
 }
 
-/// What came of a unit's messages.
+/// Messages of a component.
 #[derive(Debug, Default)]
 pub(super) struct Said {
     count: usize,
     last: String,
-    /// What it told of calls that went well.
+    /// Messages of calls that succeeded.
     details: Vec<String>,
 }
 
@@ -72,7 +72,7 @@ impl Said {
         self.details.extend(messages.details().iter().map(|text| format!("{unit}: {text}")));
     }
 
-    /// Adds how many more there were, and the last, and what was told of calls that went well.
+    /// Adds the number of further messages, the last of them, and the messages of calls that succeeded.
     pub fn end(self, unit: &str, Recording { warnings, details, .. }: &mut Recording) {
         details.extend(self.details);
         if self.count > MOST_MESSAGES {
@@ -137,12 +137,12 @@ impl ClosedLoop {
         &self.names
     }
 
-    /// Runs the loop and keeps nothing of it: `watch` is told the time and all signals, in the order of their names, at every
-    /// communication point, and may end the run by answering false. Further changes are set at the first point that isn't
-    /// before them.
+    /// Runs the loop without recording it. `watch` gets the time and all signals, in the order of their names, at every
+    /// communication point, and may end the run by returning false. Further changes are set at the first point that
+    /// isn't before them.
     ///
     /// # Errors
-    /// When a unit fails.
+    /// When a component fails.
     pub fn watch(
         mut self,
         settings: Settings,
@@ -154,10 +154,10 @@ impl ClosedLoop {
         self.free(&mut told, result)
     }
 
-    /// Runs the loop. `progress` is told the time, and may end the run by answering false.
+    /// Runs the loop. `progress` gets the time, and may end the run by returning false.
     ///
     /// # Errors
-    /// When a unit fails, together with what was recorded until then.
+    /// When a component fails, together with what was recorded until then.
     pub fn run(
         self,
         settings: Settings,
@@ -167,11 +167,11 @@ impl ClosedLoop {
         self.run_while(settings, |time, _| time == start || progress(time))
     }
 
-    /// The same, for who has to see what is recorded: `goes_on` is told the time and all signals, in the order of their names,
-    /// at every communication point, the first included.
+    /// Runs the loop. `goes_on` gets the time and all signals, in the order of their names, at every communication
+    /// point, the first included, and may end the run by returning false.
     ///
     /// # Errors
-    /// When a unit fails, together with what was recorded until then.
+    /// When a component fails, together with what was recorded until then.
     pub fn run_while(
         self,
         settings: Settings,
@@ -219,7 +219,7 @@ impl ClosedLoop {
         }
     }
 
-    /// Frees all units, also after a failure. The first failure is told, further ones are warnings.
+    /// Frees all components, also after a failure. The first failure is returned, further ones are warnings.
     fn free(self, recording: &mut Recording, mut result: Result<(), Error>) -> Result<(), Error> {
         for unit in self.units {
             let WiredUnit { instance, mut said, .. } = unit;
@@ -235,7 +235,7 @@ impl ClosedLoop {
         result
     }
 
-    /// `watch` is handed the recording too, of which this keeps the messages alone.
+    /// Adds messages to the recording; `watch` adds the rest.
     fn run_into(
         &mut self,
         recording: &mut Recording,
@@ -364,8 +364,8 @@ impl ClosedLoop {
         })
     }
 
-    /// Lets values go round until they stay. Where they don't, those of the first rounds are taken, and the signal that
-    /// changes most is told.
+    /// Iterates the algebraic loop until its values converge. If they don't, the values of the first rounds are used,
+    /// and the message names the signal that changes most.
     fn settle(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
         let first = self.row.clone();
         let mut settling = Settling::new(&first);

@@ -12,7 +12,7 @@ const SAFETY: f64 = 0.9;
 const FACTORS: (f64, f64) = (0.2, 5.0);
 /// After a step at whose points the unit's equations have no value.
 const AFTER_REFUSAL: f64 = 0.25;
-/// How exactly an event is found, relative to the step that it lies in.
+/// Bisections of a step that locate an event in it.
 const BISECTIONS: usize = 46;
 /// Events that follow each other within this part of the time, or of 1 s, and how many of them are taken.
 const CLOSE: f64 = 1e-10;
@@ -30,7 +30,7 @@ pub(super) struct Exchange<'a> {
     next_event: Option<f64>,
     /// The step to try next, s; 0 where none is known.
     step: f64,
-    /// When the last event was, s, and how many before it were close to each other.
+    /// Time of the last event, s, and number of close events before it.
     last_event: f64,
     close: usize,
 }
@@ -92,7 +92,7 @@ impl<'a> Exchange<'a> {
         self.put((self.time, Side::After), &self.states.clone())
     }
 
-    /// One step, at most until `end`; or until the first change of an event indicator's sign in it: whether there was one.
+    /// Makes a step until `end` at most, or until an event indicator changes its sign. Returns true if one did.
     fn step(&mut self, end: f64, shortest: f64) -> Result<bool, Error> {
         let way = end - self.time;
         let mut step = if self.step > 0.0 { self.step.min(way) } else { way.min(1e-3 * way.max(1.0)) };

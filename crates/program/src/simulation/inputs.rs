@@ -28,7 +28,7 @@ struct Column {
 enum Kind {
     /// Linear between the times, unless two of them are the same: there it jumps.
     Continuous,
-    /// As at the last time.
+    /// Value of the last time.
     Held,
     Integer,
     Boolean,
@@ -41,7 +41,7 @@ struct Wrong {
     reason: String,
 }
 
-/// On which side of its jumps an input is taken.
+/// Side of its jumps on which an input is evaluated.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
     Before,
@@ -212,7 +212,7 @@ impl Inputs {
         Ok(())
     }
 
-    /// The continuous ones alone, between events.
+    /// Sets the continuous ones only, between events.
     pub(super) fn set_continuous(&self, instance: &Instance, time: f64, side: Side) -> Result<(), Error> {
         for column in self.columns.iter().filter(|column| column.kind == Kind::Continuous) {
             let value = if side == Side::Before { self.value_before(column, time) } else { self.value(column, time) };
@@ -238,7 +238,7 @@ impl Inputs {
 }
 
 impl Inputs {
-    /// Where a continuous input jumps, its value before that.
+    /// Value of a continuous input, before the jump where it has one.
     fn value_before(&self, column: &Column, time: f64) -> f64 {
         let place = self.times.partition_point(|&other| other < time);
         if self.times.get(place) == Some(&time) { column.values[place] } else { self.value(column, time) }

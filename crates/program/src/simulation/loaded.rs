@@ -1,4 +1,4 @@
-//! Loops whose FMUs are loaded and fit each other: what instances are made of, as many as are wanted.
+//! Loops whose FMUs are loaded and fit each other. Any number of instances can be created from one.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -28,11 +28,11 @@ pub struct LoadedLoop {
 pub(crate) struct LoadedUnit {
     pub fmu: Arc<Fmu>,
     pub name: String,
-    /// What stands before its variables' names in the loop's.
+    /// Prefix of its variables' names in the loop.
     prefix: String,
     /// Start values: places of variables.
     pub values: Vec<(usize, Value)>,
-    /// What is recorded of it: places of its outputs, and of what else is asked for.
+    /// Recorded variables: places of its outputs, and of others that are asked for.
     recorded: Vec<usize>,
 }
 
@@ -112,8 +112,8 @@ impl LoadedLoop {
         Ok(LoadedLoop { units: vec![unit], links: Vec::new(), notes, circular: false, changes: Vec::new(), order })
     }
 
-    /// In the order that is asked for; without one, by Event Mode where all units have it that pass values through, unless the
-    /// loop's own is Jacobi. Refuses Event Mode where no unit has it.
+    /// Sets the order that is asked for. The default is Event Mode if all components with feedthrough have it and the
+    /// loop's own order isn't Jacobi, otherwise the loop's own. Refuses Event Mode if no component has it.
     fn in_order(mut self, asked: Option<Order>) -> Result<Self, Error> {
         let own = self.order;
         let by_default = if own == Order::GaussSeidel && self.prefers_event_mode() { Order::EventMode } else { own };
@@ -168,7 +168,7 @@ impl LoadedLoop {
         into.map(|link| (variable(link.to).name.clone(), signal(link.from), link.conversion)).collect()
     }
 
-    /// Where its units come from, and how they run: a line a unit.
+    /// Origins of its components, and how they run: one line each.
     pub fn told(&self) -> Vec<String> {
         self.units.iter().map(|unit| format!("{}: {}", unit.name, unit.fmu.told())).collect()
     }
@@ -208,7 +208,7 @@ impl LoadedLoop {
         Err(format!("there is no parameter `{name}`; {}", near::choice(name, &known, "")))
     }
 
-    /// Why a variable can't be given a start value, if it can't.
+    /// Reason why a variable can't have a start value; none if it can.
     fn fixed(&self, Place { unit, variable }: Place) -> Option<String> {
         let found = &self.units[unit].fmu.description.variables[variable];
         if self.links.iter().any(|link| link.to == (unit, variable)) {
@@ -308,7 +308,7 @@ impl LoadedLoop {
         self.units[unit].values.iter().find(|(place, _)| *place == variable).map(|(_, value)| value)
     }
 
-    /// What the loop may lack.
+    /// Notes on what the loop may lack.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

@@ -1,11 +1,11 @@
-//! Variables of a unit that are read or set together, and where their values stand in the row of signals.
+//! Variables of a component that are read or set together, and the places of their values in the row of signals.
 
 use crate::error::Error;
 use crate::fmu::Instance;
 use crate::model_description::Affine;
 use crate::model_description::{ModelDescription, Variable};
 
-/// Variables by type; values of all types stand in the row as numbers, a Boolean as 0 or 1.
+/// Variables by type. The row has numbers only; a Boolean is 0 or 1.
 #[derive(Debug, Default)]
 pub(super) struct Ports {
     real: Port,
@@ -22,14 +22,14 @@ struct Port {
     values: Vec<f64>,
 }
 
-/// The outputs that can stand in a row: all but texts.
+/// The outputs that a row can have: all but texts.
 pub(super) fn signals(description: &ModelDescription) -> impl Iterator<Item = (usize, &Variable)> {
     let outputs = description.variables.iter().enumerate();
     outputs.filter(|(_, variable)| variable.causality == "output" && variable.kind != "String")
 }
 
 impl Ports {
-    /// Adds a variable whose value stands in a place of the row, converted on the way.
+    /// Adds a variable with the place of its converted value in the row.
     pub fn add(&mut self, variable: &Variable, place: usize, conversion: Affine) {
         let port = match variable.kind.as_str() {
             "Real" => &mut self.real,

@@ -1,21 +1,21 @@
-//! What is recorded of a run.
+//! Recording of a run.
 
 use crate::near;
 
-/// What was recorded at all communication points: all outputs, and what else was asked for.
+/// Outputs, and other signals that were asked for, at all communication points.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recording {
     /// Names, `unit.variable`.
     pub names: Vec<String>,
-    /// Unit of measurement of each; empty where none is told.
+    /// Unit of measurement of each; empty if unknown.
     pub measures: Vec<String>,
     /// Times, s.
     pub times: Vec<f64>,
-    /// One column a name.
+    /// One column for each name.
     pub columns: Vec<Vec<f64>>,
-    /// What the loop may lack, and warnings of units.
+    /// Notes on what the loop may lack, and warnings of its components.
     pub warnings: Vec<String>,
-    /// What units told beside, where that is kept ([`keep_details`](crate::fmu::keep_details)).
+    /// Further messages of components, if they are [recorded](crate::fmu::keep_details).
     pub details: Vec<String>,
 }
 
@@ -26,7 +26,7 @@ impl Recording {
         self.columns.get(place).map(Vec::as_slice)
     }
 
-    /// The unit of measurement of a signal, where one is told.
+    /// The unit of measurement of a signal, if known.
     pub fn measure(&self, name: &str) -> Option<&str> {
         let place = self.names.iter().position(|known| known == name)?;
         self.measures.get(place).map(String::as_str).filter(|unit| !unit.is_empty())

@@ -51,7 +51,7 @@ pub struct Difference {
     pub largest: f64,
     /// The time of that, s.
     pub time: f64,
-    /// By how many communication steps the record is later.
+    /// Delay of the record, in communication steps.
     pub delay: usize,
 }
 

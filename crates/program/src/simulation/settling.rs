@@ -1,13 +1,13 @@
-//! Checks whether values that go round in a circle settle.
+//! Checks if the values of an algebraic loop converge.
 
 /// The most rounds: what shrinks by a fifth a round has settled by then.
 const MOST_ROUNDS: usize = 100;
 /// The change in a round, for a value's largest magnitude, below which it has settled.
 const SETTLED: f64 = 1e-9;
-/// How far a value may grow, from its largest magnitude after the first round, before it counts as growing without end.
+/// Growth of a value, from its largest magnitude after the first round, that counts as divergence.
 const GROWTH: f64 = 1e3;
 
-/// How values change from round to round.
+/// Changes of values from round to round.
 #[derive(Debug)]
 pub(super) struct Settling {
     last: Vec<f64>,

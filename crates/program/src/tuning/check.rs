@@ -1,4 +1,4 @@
-//! What a file must hold so that a search can go on from it: every value of its swarm.
+//! Checks that a file has every value of its swarm, so that a search can go on from it.
 
 use serde_json::Value;
 
@@ -46,7 +46,7 @@ fn check_particle<'a>(
     best(particle, bounds)
 }
 
-/// The best position of a particle, or of the swarm; none where no run came to its end.
+/// The best position of a particle, or of the swarm; none if no run was complete.
 fn best<'a>(of: &Place<'a>, bounds: &[(f64, f64)]) -> Result<Option<Found<'a>>, String> {
     let best = of.entry("best")?;
     if best.value.is_null() {
@@ -136,7 +136,7 @@ impl<'a> Place<'a> {
         items.iter().zip(bounds).try_for_each(|(item, &(low, high))| item.number(low, high).map(drop))
     }
 
-    /// It must be what the question says.
+    /// Checks that it equals the question's value.
     fn require(&self, asked: &Value) -> Result<(), String> {
         if self.value == asked {
             return Ok(());

@@ -1,4 +1,4 @@
-//! What a run has come to while it still goes on, so that one that can be no better any more ends.
+//! Lower bounds of objectives during a run, so that a run that can't be better any more ends.
 
 use super::Objective;
 use crate::results::Difference;
@@ -7,10 +7,10 @@ use crate::structure::{Settings, SquareTerm, Statistic, Structure};
 /// A floor counts where it is above a value by more than rounding errors of sums in another order.
 const ROUNDING: f64 = 1e-9;
 
-/// The least that an objective will come to, by the points so far.
+/// Lower bound of an objective from the points so far.
 #[derive(Debug)]
 pub struct Floor {
-    /// What it is of, each with its weight.
+    /// Differences that it sums up, each with its weight.
     differences: Vec<(f64, Difference)>,
     kind: Kind,
     start: f64,
@@ -26,7 +26,7 @@ enum Kind {
 }
 
 impl Floor {
-    /// For runs of a loop with these signals; none where an objective may become smaller as a run goes on, or is about an
+    /// A floor for runs of a loop with these signals; none if an objective may become smaller during a run, or needs an
     /// ideal model, which is known afterwards.
     pub fn new(objective: &Objective, structure: &Structure, signals: &[String], settings: Settings) -> Option<Self> {
         let (differences, kind) = match objective {
@@ -62,7 +62,7 @@ impl Floor {
             }
             _ => {}
         }
-        // One that is no number says nothing: the run's end tells.
+        // A floor that isn't a number decides nothing before the end of the run.
         self.value.is_nan() || self.value <= below * (1.0 + ROUNDING)
     }
 

@@ -40,7 +40,7 @@ pub struct Search {
     objective: Objective,
     ranges: Vec<Range>,
     places: Vec<Place>,
-    /// One a thread: other tools' libraries may not bear two instances at work at a time.
+    /// One a thread: other tools' libraries may not allow two instances at work at a time.
     loops: Vec<LoadedLoop>,
     /// The same with other parameters of the loop: the largest objective counts.
     others: Vec<Search>,
@@ -50,9 +50,9 @@ pub struct Search {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The objective; of a run that ended since it could be no better than it has to be, what that had come to.
+    /// The objective; its lower bound if the run ended early because it could be no better than it has to be.
     Value(f64),
-    /// Why there is none.
+    /// Reason why there is none.
     Failed(String),
     /// The user asked to stop before its end.
     Interrupted,
@@ -148,9 +148,9 @@ impl Search {
         outcomes.into_iter().map(|outcome| outcome.unwrap_or(Outcome::Interrupted)).collect()
     }
 
-    /// Runs the loop with each of the positions, on all threads. A run ends as soon as its objective can't come below the
-    /// position's bound any more. `done` is told each outcome as it comes; `is_interrupted` is asked at every communication
-    /// point.
+    /// Runs the loop with each of the positions, on all threads. A run ends as soon as its objective can't come below
+    /// the position's bound any more. Each outcome is passed to `done`; `is_interrupted` is called at every
+    /// communication point.
     ///
     /// # Panics
     /// When there are not as many bounds as positions.

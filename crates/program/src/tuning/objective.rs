@@ -1,4 +1,4 @@
-//! What is minimised.
+//! Objectives that are minimised.
 
 use std::str::FromStr;
 
@@ -10,13 +10,13 @@ use crate::results::{Meter, measure};
 use crate::simulation::Recording;
 use crate::structure::{Settings, SquareTerm, Structure};
 
-/// A number that a run of a loop comes to; the smaller the better.
+/// Objective of a run of a loop; the smaller the better.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
     /// Σ weight · (of − minus)², at points that are `sample` seconds apart, start and end included.
     Squares {
-        /// What is summed up.
+        /// Terms of the sum.
         terms: Vec<SquareTerm>,
         /// Time between the points, s.
         sample: f64,

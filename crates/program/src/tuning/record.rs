@@ -1,4 +1,4 @@
-//! What a search leaves: a file to go on from, and parameter sets.
+//! Files of a search: a record to go on from, and parameter sets.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,12 +13,12 @@ use crate::error::Error;
 use crate::results::Provenance;
 use crate::sealed::{self, Sealed, differing};
 
-/// What a search is about: a file can be gone on from by the same question only.
+/// Problem of a search. A search goes on from a file only if the file has the same problem.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Question {
     /// Name of the loop.
     pub name: String,
-    /// True if it is run as one unit.
+    /// True if it is run as a single FMU.
     pub composite: bool,
     /// Communication step, s.
     pub step: f64,
@@ -28,34 +28,34 @@ pub struct Question {
     pub order: String,
     /// Start values that differ from those of the FMUs.
     pub values: BTreeMap<String, String>,
-    /// What is minimised.
+    /// Objective that is minimised.
     pub objective: Objective,
-    /// What is varied.
+    /// Parameters that are varied.
     pub parameters: Vec<Range>,
     /// Number of particles.
     pub particles: usize,
-    /// How the swarm moves.
+    /// Motion of the swarm.
     pub motion: Motion,
-    /// Which random numbers it takes.
+    /// Seed of its random numbers.
     pub seed: u64,
     /// Parameter sets with which the objective counts, too.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub worst_of: Vec<String>,
-    /// What its runs are made of: versions, the loop's files, its units. An earlier version of this package noted none.
+    /// Origins of its runs: versions, the loop's files, its FMUs; none in files of an earlier version.
     pub run: Option<Provenance>,
 }
 
 /// A search after a whole generation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// What is searched.
+    /// Its problem.
     pub question: Question,
-    /// How far the search is.
+    /// Progress of the search.
     pub swarm: Swarm,
 }
 
 impl Record {
-    /// Writes the file; one of an earlier generation is replaced at once or not at all.
+    /// Writes the file; one of an earlier generation is replaced as a whole or not at all.
     ///
     /// # Errors
     /// When it can't be written.

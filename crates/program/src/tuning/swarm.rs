@@ -5,14 +5,14 @@
 //!
 //! v ← α v + c₁ r₁ (x* − x) + c₂ r₂ (x** − x), x ← x + v,
 //!
-//! where x* is the best position of a particle, x** the best of all, and r are random numbers in [0, 1). The crate argmin
-//! has a swarm, but its inertia is constant, its velocity unlimited, and it can't be asked for positions to be evaluated
-//! elsewhere and told their values, which an interrupted search that goes on needs.
+//! where x* is the best position of a particle, x** the best of all, and r are random numbers in [0, 1). The crate
+//! argmin has a swarm, but its inertia is constant and its velocity unlimited. It can't hand out positions and take
+//! their values later, which an interrupted search needs.
 
 use fastrand::Rng;
 use serde::{Deserialize, Serialize};
 
-/// How a swarm moves.
+/// Motion of a swarm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Motion {
     /// c₁, the pull of a particle's own best position.
@@ -49,18 +49,18 @@ struct Particle {
     best: Option<Best>,
 }
 
-/// What a generation came to.
+/// Result of a generation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Generation {
     /// The best value of all generations so far; none where none has a value.
     pub best: Option<f64>,
     /// The median of the particles' best values so far, those without one counted as worst.
     pub median: Option<f64>,
-    /// How many positions had no value.
+    /// Number of positions without a value.
     pub failed: usize,
 }
 
-/// A swarm. It is asked for [`Swarm::positions`] and told their values.
+/// A swarm, whose [positions](Swarm::positions) are evaluated elsewhere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Swarm {
     motion: Motion,
@@ -73,7 +73,7 @@ pub struct Swarm {
 }
 
 impl Swarm {
-    /// So many particles anywhere within the bounds; the first one at `start`, if there is one.
+    /// A swarm of particles anywhere within the bounds; the first one at `start`, if there is one.
     ///
     /// # Panics
     /// Without particles or bounds, or with a start of another size than theirs.
@@ -99,7 +99,7 @@ impl Swarm {
         self.particles.iter().map(|particle| particle.position.as_slice()).collect()
     }
 
-    /// What each position's value must be below to count: the best of its particle so far.
+    /// Bound below which each position's value must be to count: the best of its particle so far.
     pub fn bounds_of_values(&self) -> Vec<f64> {
         let best = |particle: &Particle| particle.best.as_ref().map_or(f64::INFINITY, |best| best.value);
         self.particles.iter().map(best).collect()
@@ -110,13 +110,13 @@ impl Swarm {
         self.best.as_ref()
     }
 
-    /// What the generations came to whose values are known.
+    /// Results of the generations whose values are known.
     pub fn history(&self) -> &[Generation] {
         &self.history
     }
 
-    /// Notes the values of all positions, none for those that have none, and moves on. Of a position whose value isn't below
-    /// its [bound](Self::bounds_of_values), any number that isn't either says the same.
+    /// Notes the values of all positions, with none for a failed one, and moves on. All values that aren't below their
+    /// position's [bound](Self::bounds_of_values) have the same effect.
     ///
     /// # Panics
     /// When there are not as many values as positions.

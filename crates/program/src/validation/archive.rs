@@ -10,7 +10,7 @@ use crate::fmi2::calls::Standard;
 
 const DESCRIPTION: &str = "modelDescription.xml";
 const SECTION: &str = "2.3";
-/// What the standard puts at the root of an archive.
+/// Files and folders of the standard at the root of an archive.
 const KNOWN: [&str; 8] =
     [DESCRIPTION, "model.png", "documentation", "sources", "binaries", "resources", "extra", "terminalsAndIcons"];
 
@@ -122,7 +122,7 @@ impl Archive {
 }
 
 impl Interfaces {
-    /// Those that there are, with the names of their elements.
+    /// The interfaces of the FMU, with the names of their elements.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, &Interface)> {
         let both = [("ModelExchange", &self.exchange), ("CoSimulation", &self.co_simulation)];
         both.into_iter().filter_map(|(name, interface)| Some((name, interface.as_ref()?)))

@@ -47,7 +47,7 @@ pub(super) fn interface(root: Node, name: &'static str, lines: &Lines) -> Option
     })
 }
 
-/// Checks what the root and the interfaces say.
+/// Checks the attributes of the root and the interfaces.
 pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) {
     for name in ["modelName", "guid"] {
         if root.attribute(name).is_some_and(|text| text.trim().is_empty()) {
@@ -113,7 +113,7 @@ fn check_experiment(node: Node, lines: &Lines, findings: &mut Findings) {
     for name in ["tolerance", "stepSize"] {
         let what = || format!("{name} = {}", node.attribute(name).unwrap_or_default());
         match number(name) {
-            // By it tools say that they know none.
+            // Tools write 0 if they know none.
             Some(0.0) if name == "tolerance" => {
                 findings.warning(
                     lines.at(node),

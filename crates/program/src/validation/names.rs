@@ -27,7 +27,7 @@ pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings)
 fn is_structured(name: &str) -> bool {
     match name.strip_prefix("der(").and_then(|rest| rest.strip_suffix(')')) {
         Some(inner) => match inner.rsplit_once(',') {
-            // The order of the derivative; but a comma may also stand in the indices.
+            // The order of the derivative; but indices may also contain a comma.
             Some((of, order)) if is_number(order.trim()) => is_identifier(of),
             _ => is_identifier(inner),
         },
@@ -52,7 +52,7 @@ fn is_identifier(text: &str) -> bool {
     }
 }
 
-/// What follows a name, plain or quoted.
+/// Returns the rest after a name, plain or quoted.
 fn part(text: &str) -> Option<&str> {
     if let Some(quoted) = text.strip_prefix('\'') {
         let mut escaped = false;
@@ -67,7 +67,7 @@ fn part(text: &str) -> Option<&str> {
     text.starts_with(letter).then(|| text.trim_start_matches(|c: char| letter(c) || c.is_ascii_digit()))
 }
 
-/// What follows indices, where there are any.
+/// Returns the rest after indices, if there are any.
 fn indices(text: &str) -> Option<&str> {
     let Some(inner) = text.strip_prefix('[') else { return Some(text) };
     let (list, rest) = inner.split_once(']')?;

@@ -1,4 +1,4 @@
-//! The elements of a modelDescription.xml: what stands in what, in which order, with which attributes.
+//! The elements of a modelDescription.xml: their children, in order, and their attributes.
 
 use roxmltree::Node;
 
@@ -10,7 +10,7 @@ struct Element {
     /// The section of the standard that defines it.
     section: &'static str,
     attributes: &'static [Attribute],
-    /// What it holds, in order; none where it may hold anything.
+    /// Its children, in order; none if it may have any.
     holds: Option<&'static [Part]>,
 }
 
@@ -20,7 +20,7 @@ struct Attribute {
     required: bool,
 }
 
-/// One of some elements, so many times.
+/// Some elements, one of which occurs so many times.
 struct Part {
     elements: &'static [&'static Element],
     least: usize,

@@ -124,7 +124,7 @@ fn check_outputs(variables: &[Variable], outputs: &[usize], at: &At, findings: &
     }
 }
 
-/// For model exchange, each state has one derivative in the list.
+/// Checks, for model exchange, that the list has one derivative for each state.
 fn check_states(root: Node, variables: &[Variable], derivatives: &[usize], at: &At, findings: &mut Findings) {
     let mut states = HashMap::new();
     for place in derivatives {
@@ -151,7 +151,7 @@ fn check_states(root: Node, variables: &[Variable], derivatives: &[usize], at: &
     }
 }
 
-/// What is computed at the start is listed, and nothing else.
+/// Checks that the list has the variables that are computed at the start, and no others.
 fn check_initial(
     variables: &[Variable],
     outputs: &[usize],

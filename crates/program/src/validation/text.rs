@@ -1,4 +1,4 @@
-//! What values of attributes look like, by the types of XML Schema.
+//! Formats of attribute values, by the types of XML Schema.
 
 /// The type of an attribute.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +42,7 @@ pub(super) fn boolean(text: &str) -> Option<bool> {
 }
 
 impl Type {
-    /// What is allowed, where a text is not of this type.
+    /// Values that are allowed; none if the text is of this type.
     pub fn refusal(self, text: &str) -> Option<String> {
         let trimmed = text.trim();
         let (fits, allowed) = match self {

@@ -12,7 +12,7 @@ use crate::model_description::{child, elements};
 /// The section of the standard that defines variables.
 pub(super) const SECTION: &str = "2.2.7";
 
-/// A variable as the file declares it, with what the standard assumes where it says nothing.
+/// A variable as the file declares it, with the defaults of the standard.
 #[derive(Debug)]
 pub(super) struct Variable<'a, 'input> {
     pub name: &'a str,
@@ -29,8 +29,8 @@ pub(super) struct Variable<'a, 'input> {
     pub value: Option<Node<'a, 'input>>,
 }
 
-/// How variables of a causality and variability may start, the first one where nothing is said; none where nothing may
-/// be said. `Err` where there are no such variables.
+/// The values of `initial` for a causality and variability, the default first; none if it must be absent. `Err` if
+/// there are no such variables.
 fn starts(causality: &str, variability: &str) -> Result<&'static [&'static str], String> {
     let variabilities: &[&str] = match causality {
         "parameter" | "calculatedParameter" => &["fixed", "tunable"],

@@ -22,13 +22,13 @@ pub enum Outcome {
 pub enum Judged {
     /// All requirements are met.
     Passed,
-    /// One is violated.
+    /// A requirement is violated.
     Failed,
     /// A metric that a requirement is about has no value.
     WithoutValue,
     /// The run didn't reach its end.
     NotEnded,
-    /// It wasn't a run.
+    /// The sample wasn't a run.
     Refused,
 }
 
@@ -93,9 +93,9 @@ pub struct Tally {
     pub runs: u64,
     /// Runs that failed, for whatever reason.
     pub failures: u64,
-    /// Those among them that didn't reach their end.
+    /// Failed runs that didn't reach their end.
     pub not_ended: u64,
-    /// Those among them in which a metric of a requirement has no value.
+    /// Failed runs in which a metric of a requirement has no value.
     pub without_value: u64,
     /// Samples that weren't runs.
     pub refused: u64,

@@ -17,7 +17,7 @@ const LOOKS: [f64; 4] = [5.0, 10.0, 30.0, 100.0];
 pub enum Verdict {
     /// The rate is below the one that is allowed.
     Passed,
-    /// It is above.
+    /// The rate is above it.
     Failed,
     /// The runs don't decide it.
     Undecided,

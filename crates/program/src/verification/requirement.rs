@@ -24,10 +24,10 @@ const SHORT: [(&str, &str, &str, f64); 3] = [
 /// The side of a value on which a metric must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Side {
-    /// At most the value.
+    /// Upper limit.
     #[serde(rename = "<=")]
     AtMost,
-    /// At least the value.
+    /// Lower limit.
     #[serde(rename = ">=")]
     AtLeast,
 }

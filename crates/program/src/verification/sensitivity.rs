@@ -13,7 +13,7 @@ pub(super) struct Bin {
     pub high: f64,
     /// Number of runs.
     pub runs: u64,
-    /// Those that failed.
+    /// Failed runs.
     pub failures: u64,
 }
 

@@ -7,9 +7,9 @@ use super::{BEGIN, HDF5};
 
 const DAMAGED: &str = "is damaged or cut off";
 const HEADER: usize = 128;
-/// How deep structs and cells may lie in each other.
+/// Deepest nesting of structs and cells.
 const DEEPEST: usize = 16;
-/// What a variable takes of the memory, about.
+/// Approximate memory of a variable, in bytes.
 const OVERHEAD: usize = 128;
 
 /// Types of elements.
@@ -31,7 +31,7 @@ pub struct Array {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Content {
-    /// By columns.
+    /// Numbers by columns.
     Numbers(Vec<f64>),
     /// The rows of an array of characters.
     Text(Vec<String>),

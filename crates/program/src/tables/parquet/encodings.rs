@@ -51,10 +51,10 @@ impl Physical {
     }
 }
 
-/// So many values of a page in one of the encodings; none where the bytes are no such values.
+/// Reads `count` values of a page in one of the encodings; none if the bytes aren't such values.
 ///
 /// # Errors
-/// An encoding that isn't read here.
+/// When the encoding isn't supported.
 pub fn values<'a>(
     encoding: i64,
     physical: Physical,

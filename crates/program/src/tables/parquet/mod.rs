@@ -24,7 +24,7 @@ use super::Budget;
 pub const MAGIC: &[u8] = b"PAR1";
 /// The same of a file whose footer is encrypted.
 const ENCRYPTED: &[u8] = b"PARE";
-/// What Snappy makes of a byte, at most: a copy of 64 bytes takes three.
+/// Largest expansion of a byte by Snappy: a copy of 64 bytes takes three.
 const MOST_OF_SNAPPY: usize = 32;
 /// Name of an index of pandas that has none.
 const INDEX: &str = "__index_level_0__";

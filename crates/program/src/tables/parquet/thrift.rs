@@ -1,6 +1,6 @@
 //! Thrift's compact protocol, in which Parquet has its metadata: structs as trees.
 
-/// How deep structs and lists may lie in each other.
+/// Deepest nesting of structs and lists.
 const DEEPEST: usize = 16;
 
 /// A value. What no reader of tables asks for is `Other`.
