@@ -113,8 +113,8 @@ def test_what_records_do_not_show_is_not_sound_and_faults_are_refused(tmp_path: 
     assert ran.returncode == 3 and "k1 = " in ran.stdout and "at the end of its range" in ran.stdout, ran.stdout + ran.stderr
     (tmp_path / "gap.csv").write_text((tmp_path / "record.csv").read_text().replace("\n0.04,", "\n0.04,nan,0,0,0\n0.041,", 1))
     for arguments, reason in [
-        (["record.csv", *ROBOT, "--free", "m3"], "--free = m3: is no real parameter or start value"),
-        (["record.csv", *ROBOT, "--free", "m2", "--initial", "x9"], "--initial = x9: is no real parameter or start value"),
+        (["record.csv", *ROBOT, "--free", "m3"], "--free = m3: is not a Real parameter or start value"),
+        (["record.csv", *ROBOT, "--free", "m2", "--initial", "x9"], "--initial = x9: is not a Real parameter or start value"),
         (["record.csv", *ROBOT, "--free", "m2=5:1"], "--free = m2=5:1: must be NAME, or NAME=LOW:HIGH"),
         (["record.csv", *ROBOT, "--free", "m2=5:8"], "m2 = 2: must begin between 5 and 8: give a start value with --set"),
         (["record.csv", *ROBOT, "--free", "m2,m2"], "--free = m2: is given twice"),

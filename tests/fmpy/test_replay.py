@@ -96,14 +96,14 @@ def test_names_that_do_not_fit_are_refused(controller: tuple[Path, np.ndarray, n
     without = [option for option in REPLAY if option not in ("--input", "record.csv")]
     for arguments, reason in [
         ([*REPLAY, "--compare", "voltag"], "cannot be used multiple times"),
-        ([option.replace("voltage", "voltag") for option in REPLAY], "--compare = voltag: is no output of the FMU; did you mean `voltage`?"),
+        ([option.replace("voltage", "voltag") for option in REPLAY], "--compare = voltag: is not an output of the FMU; did you mean `voltage`?"),
         ([option.replace("voltage", "temperature") for option in REPLAY], "--compare = temperature: is no output"),
         (without, "--input"),
     ]:
         ran = program(folder, *arguments)
         assert ran.returncode != 0 and reason in ran.stderr, ran.stderr
     (folder / "record.csv").write_text((folder / "record.csv").read_text().replace("voltage,", "volts,"))
-    assert "--compare = voltage: is no column of the record" in program(folder, *REPLAY).stderr
+    assert "--compare = voltage: is not a column of the record" in program(folder, *REPLAY).stderr
     (folder / "record.csv").write_text((folder / "record.csv").read_text().replace("volts,", "voltage [A],"))
     assert "voltage is in A: must be in V, or a unit of that quantity" in program(folder, *REPLAY).stderr
 

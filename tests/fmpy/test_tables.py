@@ -198,7 +198,7 @@ def test_matlab_files_that_are_not_read_say_what_to_do(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "old.mat", {"time": time}, format="4")
     (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     (tmp_path / "text.parquet").write_text("time,u\n0,1\n")
-    for name, reason in [("old.mat", "version 4"), ("new.mat", "'-v7'"), ("text.parquet", "is no Parquet file")]:
+    for name, reason in [("old.mat", "version 4"), ("new.mat", "'-v7'"), ("text.parquet", "is not a Parquet file")]:
         told = program(tmp_path, "simulate", "StateSpace", "--input", name)
         assert told.returncode == 1 and reason in told.stderr and name in told.stderr, told.stderr
     # Next to variables that are read, they are left out with a note.

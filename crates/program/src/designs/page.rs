@@ -39,8 +39,8 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
         (None, None) => "a bandwidth that follows from the plant".to_owned(),
     };
     let uncertainty = task.uncertainty.map_or_else(
-        || "the uncertainty that the records of the plant leave".to_owned(),
-        |part| format!("{} % of uncertainty of each number of A and B", number(three_digits(100.0 * part))),
+        || "the uncertainty of the plant identified from records".to_owned(),
+        |part| format!("{} % uncertainty of each number of A and B", number(three_digits(100.0 * part))),
     );
     let about =
         format!("Asked for: {asked}, a step of the reference to {}, {uncertainty}.", one_or_each(&task.references));

@@ -232,7 +232,7 @@ fn closed(
     if [PLANT, REFERENCE].contains(&own.0.as_str()) {
         return Err(Error::Loop {
             file: source.file.clone(),
-            reason: format!("{} is the name of another unit of the loop; give the controller another name", own.0),
+            reason: format!("{} is the name of another component of the loop. Give the controller another name", own.0),
         });
     }
     let written = Written::new(folder, surroundings.into_iter().chain([own]))?;

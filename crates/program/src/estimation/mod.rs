@@ -100,7 +100,7 @@ impl Task<'_> {
     pub fn carry_out(&self, job: &Job) -> Result<Done, Error> {
         let simulated = Simulated::new(self, self.unknowns()?)?;
         if job.record >= self.records.len() || job.point.len() != simulated.unknowns.len() {
-            return Err(Error::Argument(Invalid::because("the job is one of other records")));
+            return Err(Error::Argument(Invalid::because("the job belongs to other records")));
         }
         Ok(simulated.carry_out(job))
     }
@@ -135,7 +135,8 @@ fn settable<'a>(description: &'a ModelDescription, sought: &Sought) -> Result<&'
     let all = || description.variables.iter().filter(is_settable);
     all().find(|variable| variable.name == *name).ok_or_else(|| {
         let known: Vec<_> = all().map(|variable| variable.name.as_str()).collect();
-        let allowed = format!("is no real parameter or start value; {}", near::choice(name, &known, SHOWS_VARIABLES));
+        let allowed =
+            format!("is not a Real parameter or start value; {}", near::choice(name, &known, SHOWS_VARIABLES));
         Error::Argument(Invalid::new(option, name, allowed))
     })
 }

@@ -46,7 +46,7 @@ impl<'a> Simulated<'a> {
             let outputs = || variables.iter().filter(|v| v.kind == "Real" && v.causality != "parameter");
             outputs().find(|variable| variable.name == *name).map(|variable| variable.reference).ok_or_else(|| {
                 let known: Vec<_> = outputs().map(|variable| variable.name.as_str()).collect();
-                let allowed = format!("is no output of the FMU; {}", near::choice(name, &known, SHOWS_VARIABLES));
+                let allowed = format!("is not an output of the FMU; {}", near::choice(name, &known, SHOWS_VARIABLES));
                 Error::Argument(Invalid::new("--outputs", name, allowed))
             })
         };

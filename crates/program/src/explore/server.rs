@@ -109,7 +109,7 @@ impl Server {
         self.waits_no_more(number);
         match Place::take(&self.answered) {
             Some(_place) => self.answer(request, &mut stream),
-            None => refused(&mut stream, (503, format!("too many requests at once ({MOST_ANSWERED}). Try again"))),
+            None => refused(&mut stream, (503, format!("too many simultaneous requests ({MOST_ANSWERED}). Try again"))),
         }
     }
 

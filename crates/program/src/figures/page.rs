@@ -13,9 +13,9 @@ const STILL: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data
 pub const STYLE: &str = "
   body { font: 16px/1.5 system-ui, sans-serif; max-width: 75em; margin: 1.5em auto; padding: 0 1em; color: #1b1b1b; }
   h1 { font-size: 1.5em; margin-bottom: 0; }
-  h2 { font-size: 1.1em; margin: 1.5em 0 .3em; }
+  h2 { font-size: 1.1em; margin: 1.5em 0 0.3em; }
   table { border-collapse: collapse; }
-  td, th { border-bottom: 1px solid #ddd; padding: .25em 1.2em .25em 0; text-align: left; vertical-align: top; }
+  td, th { border-bottom: 1px solid #ddd; padding: 0.25em 1.2em 0.25em 0; text-align: left; vertical-align: top; }
   .number { text-align: right; font-variant-numeric: tabular-nums; }
   .scroll { overflow-x: auto; }
   .bad { color: #b00020; font-weight: bold; }
@@ -23,7 +23,7 @@ pub const STYLE: &str = "
 ";
 /// Style of diagrams.
 pub const DIAGRAMS: &str = "
-  .diagram { display: flex; gap: .8em; }
+  .diagram { display: flex; gap: 0.8em; }
   .plot { position: relative; flex: 1; min-width: 0; }
   .plot svg { display: block; overflow: hidden; user-select: none; touch-action: pan-y; cursor: crosshair; }
   .plot text { font-size: 12px; fill: #444; }
@@ -31,22 +31,22 @@ pub const DIAGRAMS: &str = "
   .plot .grid { stroke: #e4e4e4; }
   .plot .curve { stroke-width: 1.5; stroke-linejoin: round; }
   .plot .ghost { stroke-width: 1.5; stroke-opacity: 0.35; }
-  .plot .beneath { stroke-width: 3.2; stroke-opacity: .55; }
+  .plot .beneath { stroke-width: 3.2; stroke-opacity: 0.55; }
   .plot .mark { stroke: #888; }
   .plot .event { stroke: #b00020; stroke-dasharray: 2 3; }
   .plot .zoomed { fill: #0002; }
-  .legend { flex: 0 0 15em; margin: .4em 0 0; display: flex; flex-direction: column; align-items: start; }
-  .legend button, .peak { border: 0; padding: .15em 0; background: none; font: inherit; font-size: .85em; text-align: left;
+  .legend { flex: 0 0 15em; margin: 0.4em 0 0; display: flex; flex-direction: column; align-items: start; }
+  .legend button, .peak { border: 0; padding: 0.15em 0; background: none; font: inherit; font-size: 0.85em; text-align: left;
     cursor: pointer; overflow-wrap: anywhere; }
-  .legend svg { vertical-align: middle; margin-right: .5em; }
-  .legend .hidden { opacity: .4; text-decoration: line-through; }
+  .legend svg { vertical-align: middle; margin-right: 0.5em; }
+  .legend .hidden { opacity: 0.4; text-decoration: line-through; }
   .peak { display: block; margin-left: 76px; color: #0b5394; text-decoration: underline; }
   .peak[hidden] { display: none; }
-  .told { position: absolute; top: 14px; padding: .1em .5em; background: #fffd; border: 1px solid #ccc; font-size: .8em;
+  .told { position: absolute; top: 14px; padding: 0.1em 0.5em; background: #fffd; border: 1px solid #ccc; font-size: 0.8em;
     pointer-events: none; z-index: 1; max-width: 100%; box-sizing: border-box; overflow-wrap: anywhere; }
   .told div::before { content: '\\25ac '; color: var(--colour); }
   @media (max-width: 50em) { .diagram { display: block; }
-    .legend { flex-flow: row wrap; gap: 0 1.2em; margin: .2em 0 0 1em; } }
+    .legend { flex-flow: row wrap; gap: 0 1.2em; margin: 0.2em 0 0 1em; } }
   #metrics td:first-child, #metrics .label, h1, p { overflow-wrap: anywhere; }
   #metrics td:first-child, #metrics .label { min-width: 5em; max-width: 20em; }
   @media (max-width: 50em) { #metrics { font-size: 0.8em; } #metrics td, #metrics th { padding-right: 0.6em; } }

@@ -98,7 +98,7 @@ impl Report<'_> {
     fn push_poles(&self, page: &mut String) {
         let Some(model) = self.model.filter(|_| !self.poles.is_empty()) else { return };
         let text = format!(
-            "Ellipses, and dashed intervals of real poles: each contains its pole with a confidence of {} %, first order.",
+            "Each ellipse, or dashed interval of a real pole, contains its pole with {} % confidence (first order).",
             number(100.0 * model.level)
         );
         push(page, "Poles", &text, vec![charts::poles(self.poles, model.level)]);
@@ -109,8 +109,8 @@ impl Report<'_> {
         let errors = chi_squared(model.level, 1).sqrt();
         let all: Vec<_> = responses(model).iter().flat_map(|response| charts::bode(response, model, errors)).collect();
         let text = format!(
-            "Dashed: bounds at each frequency with a confidence of {} %, first order. The highest frequency is that of half a turn a \
-             sample.",
+            "Dashed: bounds at each frequency with {} % confidence (first order). The highest frequency is the Nyquist \
+             frequency.",
             number(100.0 * model.level)
         );
         push(page, "Frequency responses", &text, all);
@@ -119,8 +119,8 @@ impl Report<'_> {
     fn push_correlations(&self, page: &mut String) {
         let (Some(found), Some(model)) = (self.correlations, self.model) else { return };
         let names: Vec<&str> = self.signals.iter().map(|(name, _)| name.as_str()).collect();
-        let text = "Dashed: 99 % of the values of white noise are within. Residuals that follow an input later show a delay, or dynamics \
-                    that the model lacks.";
+        let text = "Dashed: limits for 99 % of the values of white noise. Residuals correlated with earlier inputs show a delay, or \
+                    dynamics that the model lacks.";
         push(page, "Residuals", text, charts::correlations(found, &names, &model.inputs));
     }
 }

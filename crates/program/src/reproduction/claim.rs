@@ -57,7 +57,7 @@ impl Claim {
             told.push(format!("{} {} ({limit} allowed)", short(name, outcomes), shown(metric)));
         }
         if self.smaller.len() != self.than.len() {
-            return Err(format!("`{}`: as many metrics are smaller as there are than which", self.text));
+            return Err(format!("`{}`: `smaller` and `than` must list as many metrics as each other", self.text));
         }
         for (small, large) in self.smaller.iter().zip(&self.than) {
             let (less, more) = (metric(small, outcomes)?, metric(large, outcomes)?);
@@ -70,7 +70,7 @@ impl Claim {
             told.push(outcome.told());
         }
         if told.is_empty() {
-            return Err(format!("`{}`: there is nothing to judge it by", self.text));
+            return Err(format!("`{}` has no criterion: give measured, smaller and than, or fails", self.text));
         }
         Ok(Judged { claim: self.text.clone(), measured: told.join("; "), holds, remark: self.remark.clone() })
     }

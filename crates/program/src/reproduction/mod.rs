@@ -98,7 +98,7 @@ impl Run {
     /// Its name in figures and claims.
     pub fn key(&self) -> String {
         let case = self.case.iter().map(|case| format!(", {case}"));
-        let whole = self.composite.then(|| ", as one unit".to_owned());
+        let whole = self.composite.then(|| ", as a single FMU".to_owned());
         std::iter::once(self.name.clone()).chain(case).chain(whole).collect()
     }
 }

@@ -12,14 +12,14 @@ use crate::figures::{still, still_ending};
 use crate::results::{Ending, Measured, Verdict, four_digits};
 
 const OWN_STYLE: &str = "
-  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: .6em; }
-  h3 { font-size: 1em; margin: 1.2em 0 .3em; }
+  h2 { font-size: 1.3em; margin-top: 2.5em; border-top: 2px solid #1b1b1b; padding-top: 0.6em; }
+  h3 { font-size: 1em; margin: 1.2em 0 0.3em; }
   .figures { margin-top: 1.5em; display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 30em), 1fr)); gap: 1em; }
   figure { margin: 0; break-inside: avoid; }
-  figcaption { font-size: .9em; }
+  figcaption { font-size: 0.9em; }
   svg { display: block; height: auto; }
   .good { color: #006b3c; font-weight: bold; }
-  nav li { margin: .1em 0; }
+  nav li { margin: 0.1em 0; }
   @media print { h2 { break-before: page; } .figures { grid-template-columns: 1fr 1fr; } }
 ";
 

@@ -138,7 +138,7 @@ impl Inputs {
         if let Some(row) =
             (1..times.len()).find(|&row| times[row].total_cmp(&times[row - 1]).is_le() || times[row].is_nan())
         {
-            return Err(format!("time = {} after {}: must grow", times[row], times[row - 1]));
+            return Err(format!("time = {} after {}: times must increase", times[row], times[row - 1]));
         }
         let column = |column: &&TableColumn| {
             let name = &column.name;

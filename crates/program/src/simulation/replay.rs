@@ -85,11 +85,11 @@ impl Replay {
         for name in names {
             let known: Vec<_> = outputs().map(|variable| variable.name.as_str()).collect();
             let Some(variable) = outputs().find(|variable| variable.name == *name) else {
-                return Err(refuse(name, format!("is no output of the FMU; {}", near::choice(name, &known, ""))));
+                return Err(refuse(name, format!("is not an output of the FMU; {}", near::choice(name, &known, ""))));
             };
             let Some(column) = columns.iter().find(|column| column.name == *name) else {
                 let known: Vec<_> = columns.iter().map(|column| column.name.as_str()).collect();
-                return Err(refuse(name, format!("is no column of the record; {}", near::choice(name, &known, ""))));
+                return Err(refuse(name, format!("is not a column of the record; {}", near::choice(name, &known, ""))));
             };
             let values = values_of(column, variable).map_err(|reason| Error::Argument(Invalid::because(reason)))?;
             compared.push((name.clone(), values));

@@ -122,7 +122,7 @@ impl Distribution {
             Self::Around(part) => {
                 let present = present.filter(|value| *value != 0.0).ok_or_else(|| {
                     let value = present.map_or("no value".to_owned(), |value| value.to_string());
-                    format!("{self} of {value} is nothing: give LOW..HIGH or normal(MEAN,DEVIATION)")
+                    format!("{self} of {value} is an empty range: give LOW..HIGH or normal(MEAN,DEVIATION)")
                 })?;
                 let ends = [present * (1.0 - part), present * (1.0 + part)];
                 (ends[0].min(ends[1]), ends[0].max(ends[1]))
@@ -133,7 +133,7 @@ impl Distribution {
         let (low, high) = (low.max(least), high.min(most));
         let parts = self.normal().map_or((0.0, 1.0), |normal| (normal.cdf(low), normal.cdf(high)));
         if low >= high || parts.1 - parts.0 < LEAST_PART {
-            return Err(format!("{self} has no values within what is allowed, {} … {}", number(least), number(most)));
+            return Err(format!("{self} has no values within the allowed range, {} … {}", number(least), number(most)));
         }
         Ok(Cut { distribution: self, low, high, parts })
     }

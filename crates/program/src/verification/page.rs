@@ -13,7 +13,7 @@ use crate::results::four_digits;
 
 const STYLE: &str = "
   .map { margin-bottom: 1em; }
-  .map td { text-align: right; padding: .3em .7em; border: 1px solid #fff; font-variant-numeric: tabular-nums; }
+  .map td { text-align: right; padding: 0.3em 0.7em; border: 1px solid #fff; font-variant-numeric: tabular-nums; }
   .verdict { font-size: 1.2em; font-weight: bold; }
 ";
 /// Bins of a histogram, and of failures over a quantity.

@@ -62,7 +62,7 @@ impl DrawnPlant {
         let refuse = |reason: String| Error::Description { file: file.clone(), reason };
         let (A, B, bounds) = read(file)?;
         if bounds.dimensions() == 0 {
-            return Err(refuse("has no uncertain entry of A or B: nothing could be drawn".to_owned()));
+            return Err(refuse("has no uncertain entry of A or B, so there is nothing to vary".to_owned()));
         }
         let ((n, m), of) = (B.shape(), format!("--vary-from {component}={}", file.display()));
         let refuse = |reason: String| Error::Loop { file: of.clone().into(), reason };

@@ -200,7 +200,7 @@ impl Study {
         let has = |label: &String| measured.iter().any(|metric| metric.label == *label);
         match self.limits.of.iter().find(|limit| !has(&limit.label)) {
             Some(limit) => Err(Error::Argument(Invalid::because(format!(
-                "--require {limit}: the loop has this metric only where its reference steps, which it doesn't do"
+                "--require {limit}: the loop has this metric only if its reference steps, and it doesn't"
             )))),
             None => Ok(Some(metrics)),
         }

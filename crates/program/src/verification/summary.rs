@@ -100,9 +100,9 @@ impl Summary<'_> {
     /// Form of a run.
     pub fn form(&self) -> &'static str {
         if self.composite {
-            "Each run is one continuous system."
+            "Each run simulates the loop as one continuous system."
         } else {
-            "Each run goes through separate FMUs at their communication step."
+            "Each run couples separate FMUs at the communication step."
         }
     }
 

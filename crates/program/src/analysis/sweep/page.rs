@@ -13,10 +13,10 @@ use crate::structure::Plot;
 
 /// Style of the charts and maps of this page, in addition to that of every page.
 const STYLE: &str = "
-  .map td { text-align: right; padding: .3em .7em; border: 1px solid #fff; font-variant-numeric: tabular-nums; }
+  .map td { text-align: right; padding: 0.3em 0.7em; border: 1px solid #fff; font-variant-numeric: tabular-nums; }
   .map .failed { text-align: center; background: #fff; color: #b00020; border: 1px dashed #b00020; }
   .map .over { font-weight: bold; text-decoration: underline; }
-  .ramp { display: inline-block; width: 12em; height: .8em; vertical-align: middle; margin: 0 .5em; }
+  .ramp { display: inline-block; width: 12em; height: 0.8em; vertical-align: middle; margin: 0 0.5em; }
 ";
 /// Rows of the table beyond these are in the CSV only.
 const MOST_ROWS: usize = 1000;

@@ -276,7 +276,7 @@ pub(super) fn line(path: &mut String, points: &[(f64, f64)]) {
 /// shows beneath a curve that follows it exactly.
 pub(super) fn stroke(style: &Style, fine: f64) -> String {
     let Style { colour, dashes, beneath } = style;
-    let (width, opacity) = if *beneath { (3.2, " stroke-opacity=\".55\"") } else { (1.5, "") };
+    let (width, opacity) = if *beneath { (3.2, " stroke-opacity=\"0.55\"") } else { (1.5, "") };
     let width = width * fine;
     let dashes: Vec<String> = dashes.iter().map(|length| (f64::from(*length) * fine).to_string()).collect();
     let dashes = if dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{}\"", dashes.join(" ")) };

@@ -5,7 +5,7 @@ use flate2::read::ZlibDecoder;
 use super::super::Budget;
 use super::{BEGIN, HDF5};
 
-const DAMAGED: &str = "is damaged or cut off";
+const DAMAGED: &str = "is damaged or truncated";
 const HEADER: usize = 128;
 /// Deepest nesting of structs and cells.
 const DEEPEST: usize = 16;
@@ -81,7 +81,7 @@ impl Array {
 /// # Errors
 /// The reason for which they can't be read.
 pub fn variables(bytes: &[u8], budget: &mut Budget) -> Result<Vec<Array>, String> {
-    let version_7_3 = "is of version 7.3, which isn't read here: in MATLAB save it with save(…, '-v7')";
+    let version_7_3 = "has version 7.3, which is not supported: in MATLAB save it with save(…, '-v7')";
     if bytes.starts_with(HDF5) || bytes.starts_with(b"MATLAB 7.3") {
         return Err(version_7_3.to_owned());
     }
@@ -91,8 +91,8 @@ pub fn variables(bytes: &[u8], budget: &mut Budget) -> Result<Vec<Array>, String
         Some(b"MI") => true,
         _ if bytes.starts_with(BEGIN) => return Err(DAMAGED.to_owned()),
         _ => {
-            let advice = "is no MATLAB file of version 5 or 7. Files of version 4, such as results of Dymola and OpenModelica, aren't \
-                          read here: save it as CSV, or in MATLAB with save(…, '-v7')";
+            let advice = "is not a MATLAB file of version 5 or 7. Files of version 4, such as results of Dymola and OpenModelica, \
+                          are not supported: save it as CSV, or in MATLAB with save(…, '-v7')";
             return Err(advice.to_owned());
         }
     };
@@ -231,7 +231,7 @@ fn latin(bytes: &[u8]) -> String {
 fn array(bytes: &[u8], is_big: bool, depth: usize, budget: &mut Budget) -> Result<Array, String> {
     budget.take(OVERHEAD)?;
     if depth > DEEPEST {
-        return Err("has structs or cells that are too deep within each other".to_owned());
+        return Err("has structs or cells that are nested too deeply".to_owned());
     }
     let mut elements = Elements { rest: bytes, is_big };
     // Empty parts of structs may be without all of it.

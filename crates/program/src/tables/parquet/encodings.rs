@@ -75,7 +75,7 @@ pub fn values<'a>(
             numbers.into_iter().map(|number| Cell::Integer(narrow(number))).collect()
         }),
         (9, Physical::Int32 | Physical::Int64 | Physical::Float | Physical::Double) => split(physical, bytes, count),
-        _ => return Err(format!("has values in encoding {encoding}, which isn't read here; save it with PLAIN")),
+        _ => return Err(format!("has values in encoding {encoding}, which is not supported; save it with PLAIN")),
     })
 }
 

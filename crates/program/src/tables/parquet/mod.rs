@@ -29,7 +29,7 @@ const MOST_OF_SNAPPY: usize = 32;
 /// Name of an index of pandas that has none.
 const INDEX: &str = "__index_level_0__";
 
-const DAMAGED: &str = "is damaged or cut off";
+const DAMAGED: &str = "is damaged or truncated";
 
 /// Reads a table. Columns with these names are read as text.
 ///
@@ -85,7 +85,7 @@ fn footer(bytes: &[u8]) -> Result<Range<usize>, String> {
 }
 
 fn not_parquet() -> String {
-    "is no Parquet file, or is cut off: it must begin and end with PAR1".to_owned()
+    "is not a Parquet file, or is truncated: it must begin and end with PAR1".to_owned()
 }
 
 /// Facts about columns, from texts in the file.
@@ -197,7 +197,7 @@ fn leaves<'a>(file: &Value<'a>, about: &About, texts: &[&str]) -> Result<Vec<Lea
         let kind = match physical {
             _ if is_inner || element.number(3) == Some(2) => Kind::LeftOut("has lists or parts, not numbers"),
             Some(physical) => kind(element, physical, about, texts),
-            None => Kind::LeftOut("is of a type that isn't read here; save it as DOUBLE"),
+            None => Kind::LeftOut("has a type that is not supported; save it as DOUBLE"),
         };
         let name = if is_inner { outer.unwrap_or(name) } else { name };
         let is_told = is_inner && leaves.last().is_some_and(|last: &Leaf| last.name == name);
@@ -356,7 +356,7 @@ impl Leaf<'_> {
         }
         // Levels of one bit each, packed by hand: an encoding that nobody writes any more.
         if about.number(3) != Some(3) {
-            return Err("has missing values in an encoding that isn't read here; save the file anew".to_owned());
+            return Err("has missing values in an encoding that is not supported; save the file anew".to_owned());
         }
         let (levels, rest) = sized(&whole).ok_or(DAMAGED)?;
         Ok((Some(Cow::Owned(levels.to_vec())), Cow::Owned(rest.to_vec())))
@@ -424,7 +424,7 @@ impl<'a> Page<'a> {
 /// The bytes of a page, of this size.
 fn unpacked<'a>(codec: i64, own: &'a [u8], full: usize, budget: &mut Budget) -> Result<Cow<'a, [u8]>, String> {
     let other = |name: &str| {
-        Err(format!("is compressed by {name}, which isn't read here: save it with Snappy, gzip, Zstandard or none"))
+        Err(format!("is compressed by {name}, which is not supported: save it with Snappy, gzip, Zstandard or none"))
     };
     let unpacked = match codec {
         0 if own.len() == full => return Ok(Cow::Borrowed(own)),
