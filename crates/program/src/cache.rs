@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn a_library_that_a_program_loads_stays_however_many_newer_files_there_are() {
         let folder = tempfile::tempdir().unwrap();
-        let held = Entry { file: folder.path().join("held").with_extension(LIBRARY) };
+        let held = Entry { file: folder.path().join("loaded").with_extension(LIBRARY) };
         let old = Entry { file: folder.path().join("old").with_extension(LIBRARY) };
         assert!(held.holds(b"library") && old.holds(b"other"));
         let hours_ago = SystemTime::now() - 2 * RECENT;

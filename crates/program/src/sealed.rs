@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn a_change_by_hand_is_noticed() {
         let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("kept.json");
+        let file = folder.path().join("content.json");
         write(&file, json!({ "value": 0.1 })).unwrap();
         let Sealed { content, fits } = read(&file, "record").unwrap();
         assert_eq!((content, fits), (json!({ "value": 0.1 }), Some(true)));
