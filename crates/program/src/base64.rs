@@ -1,4 +1,4 @@
-//! Bytes as text, as RFC 4648 has it.
+//! Bytes as text (RFC 4648).
 
 /// Usual digits with padding (section 4), for data in a script.
 #[cfg(not(target_family = "wasm"))]
@@ -35,7 +35,7 @@ mod tests {
 
     #[test]
     fn bytes_are_written_as_the_standard_has_them() {
-        // RFC 4648, section 10, and what the two last digits are for.
+        // RFC 4648, section 10, and uses of the two last digits.
         let known =
             [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")];
         for (text, encoded) in known {

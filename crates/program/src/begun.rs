@@ -1,5 +1,5 @@
-//! The working folder and the file mode mask of the process, as they were when a command began. A unit that runs within
-//! the process may change both; where files go that the user named doesn't change with them.
+//! The working folder and the file mode mask of the process when a command began. An FMU that runs within the process
+//! may change both; paths that the user gave still refer to the former.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ pub fn note() {
     mask::note();
 }
 
-/// A path from the folder in which the command began.
+/// A path relative to the folder in which the command began.
 pub fn path(path: &Path) -> PathBuf {
     let folder = FOLDER.lock().unwrap_or_else(PoisonError::into_inner);
     match &*folder {
@@ -26,13 +26,13 @@ pub fn path(path: &Path) -> PathBuf {
 /// Puts both back.
 pub(crate) fn restore() {
     if let Some(folder) = &*FOLDER.lock().unwrap_or_else(PoisonError::into_inner) {
-        // Where it is gone there is nothing to read from it.
+        // If the folder is gone, nothing can be read from it.
         let _ = env::set_current_dir(folder);
     }
     restore_mask();
 }
 
-/// Puts the mask back, before something is made.
+/// Restores the mask, before something is created.
 pub(crate) fn restore_mask() {
     #[cfg(unix)]
     mask::restore();
@@ -45,7 +45,7 @@ mod mask {
 
     static MASK: OnceLock<libc::mode_t> = OnceLock::new();
 
-    /// Once, before any unit is there: the mask can only be read by changing it.
+    /// This runs once, before any FMU is loaded: the mask can only be read by changing it.
     pub fn note() {
         MASK.get_or_init(|| {
             let mask = set(0o077);
@@ -62,7 +62,7 @@ mod mask {
 
     /// Sets it; what it was.
     fn set(mask: libc::mode_t) -> libc::mode_t {
-        // SAFETY: it takes a number and gives one.
+        // SAFETY: it takes a number and returns one.
         unsafe { libc::umask(mask) }
     }
 }

@@ -2,20 +2,20 @@
 
 use std::path::Path;
 
-/// The command that `CC` holds, as it stands there; `cc` unless it holds one.
+/// The command in `CC`, unchanged [default: `cc`].
 pub fn named() -> String {
     std::env::var("CC").ok().filter(|text| !text.trim().is_empty()).unwrap_or_else(|| "cc".to_owned())
 }
 
-/// The program of a command, and the arguments that it begins with: `ccache gcc`, `gcc -O1`.
+/// The program of a command, and its first arguments: `ccache gcc`, `gcc -O1`.
 pub fn words(command: &str) -> (String, Vec<String>) {
-    // A path may hold blanks, and on Windows backslashes.
+    // A path may have blanks, and on Windows backslashes.
     let whole = Path::new(command).is_file();
     let mut words = if whole { vec![command.to_owned()] } else { split(command, cfg!(unix)) }.into_iter();
     (words.next().unwrap_or_default(), words.collect())
 }
 
-/// Words as a shell takes them, without what it replaces. A backslash escapes where paths hold none.
+/// Words as in a shell, without substitutions. A backslash escapes on systems where paths have none.
 fn split(text: &str, escapes: bool) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
     let mut characters = text.chars();

@@ -21,23 +21,23 @@ use crate::begun;
 pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
 /// The most files in the cache; the oldest are removed first.
 const MOST_KEPT: usize = 500;
-/// A library stays for so long after a program began that loads it.
+/// Time for which a library stays after the start of a program that loads it.
 const RECENT: Duration = Duration::from_secs(3600);
 /// Age at which an unfinished file of a killed process is removed.
 const UNFINISHED: Duration = Duration::from_secs(3600);
-/// Number of the form of the files; those of other forms have other names.
+/// Version of the format of the files, which is part of their names.
 const FORM: &[u8] = b"2";
 
 /// Extension of libraries, which other processes load while they run.
 pub(crate) const LIBRARY: &str = "library";
-/// Digits that the name of a file begins with.
+/// Number of digits at the start of a file's name.
 const NAME: usize = 32;
 /// Length of a SHA-256 checksum.
 const LENGTH: usize = 32;
 /// A SHA-256 checksum.
 pub(crate) type Checksum = [u8; LENGTH];
 
-/// A file as it was at a time, with its size.
+/// A file with its size, and the time of its last change.
 type Seen = (PathBuf, usize, SystemTime);
 
 /// Checksums of files.
@@ -71,8 +71,8 @@ pub fn trouble() -> Vec<String> {
     lines
 }
 
-/// The checksum of a file that holds these bytes. A library's takes milliseconds and is asked for again and again: it is
-/// computed once, as long as the file stays as it is.
+/// The checksum of a file with these bytes. That of a library takes milliseconds and is needed often, so it is computed
+/// once for an unchanged file.
 pub(crate) fn checksum(file: &Path, bytes: &[u8]) -> Checksum {
     known_or(file, bytes.len(), || digest(bytes))
 }
@@ -127,12 +127,12 @@ impl Entry {
         Some(content)
     }
 
-    /// Puts it there behind its checksum, whole or not at all.
+    /// Writes the content after its checksum, as a whole or not at all.
     pub fn write(&self, content: &[u8]) {
         self.place(&[&digest(content), content]);
     }
 
-    /// True if there is a file of exactly these bytes, or can be: one that others read as it is.
+    /// True if there is a file of exactly these bytes, or one can be written: others read the file itself.
     pub fn holds(&self, bytes: &[u8]) -> bool {
         let is_there = |found: Option<Vec<u8>>| found.is_some_and(|found| found == bytes);
         let found = self.bytes();
@@ -148,17 +148,17 @@ impl Entry {
         is_there(self.bytes())
     }
 
-    /// The file is used: it isn't one of the oldest, which go first.
+    /// Marks the file as used: the oldest files are removed first.
     fn note_use(&self) {
         let is_old = |time: SystemTime| time.elapsed().is_ok_and(|age| age > RECENT / 4);
         let modified = fs::metadata(&self.file).and_then(|found| found.modified());
         if modified.is_ok_and(is_old) {
-            // Where it can't be noted, it goes earlier, and is made anew.
+            // If it can't be marked, it is removed earlier, and generated again.
             let _ = File::options().write(true).open(&self.file).and_then(|file| file.set_modified(SystemTime::now()));
         }
     }
 
-    /// The bytes of the file, where it is there.
+    /// The bytes of the file, if it exists.
     pub fn bytes(&self) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
         match open(&self.file).and_then(|mut file| file.read_to_end(&mut bytes)) {
@@ -177,7 +177,7 @@ impl Entry {
         TROUBLE.lock().unwrap_or_else(PoisonError::into_inner).damaged.insert(self.file.clone());
     }
 
-    /// Puts bytes there, whole or not at all, also where the power fails.
+    /// Writes bytes as a whole or not at all, also if the power fails.
     fn place(&self, parts: &[&[u8]]) {
         let Some(folder) = self.file.parent() else { return };
         tidy(folder);
@@ -189,7 +189,7 @@ impl Entry {
             file.persist(&self.file)?;
             Ok(())
         };
-        // A cache that can't be written hinders nothing.
+        // A cache that can't be written is no obstacle.
         let _ = write();
     }
 }
@@ -211,7 +211,7 @@ fn folder() -> Option<PathBuf> {
     Some(caches?.join("adaptive-fmu"))
 }
 
-/// Makes the folder, where it can be trusted.
+/// Creates the folder, if it can be trusted.
 #[cfg(unix)]
 fn make(folder: &Path) -> Option<()> {
     let note = |reason: String| {
@@ -236,7 +236,7 @@ fn open(file: &Path) -> io::Result<File> {
     File::open(file)
 }
 
-/// Removes the oldest files where there are too many, and what was left unfinished.
+/// Removes the oldest of too many files, and unfinished ones.
 fn tidy(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     let dated = |entry: DirEntry| Some((entry.metadata().ok()?.modified().ok()?, entry.path()));
@@ -288,7 +288,7 @@ mod tests {
             assert!(entry.holds(&library) && is_damaged(&entry));
             assert_eq!(fs::read(&entry.file).unwrap(), library);
         }
-        // Where nothing can be written there is none.
+        // If nothing can be written, there is no file.
         let nowhere = Entry { file: folder.path().join("none").join("one.library") };
         assert!(!nowhere.holds(&library) && !is_damaged(&nowhere));
     }

@@ -6,7 +6,7 @@ use crate::error::{Error, Invalid};
 use crate::fmu::{Instance, SHOWS_VARIABLES};
 use crate::model_description::Variable;
 
-/// Other values of a state, as parts of its magnitude from the present one, at which an output must equal it too.
+/// Factors of a state's magnitude for other values of it, at which an output must equal it too.
 const OTHER: [f64; 2] = [0.37, -0.61];
 
 /// The unknowns are the states that may move and the free inputs; the equations are those of the derivatives, then
@@ -15,7 +15,7 @@ const OTHER: [f64; 2] = [0.37, -0.61];
 pub(super) struct Aim<'a> {
     /// All states and their derivatives; as inputs and outputs, the free inputs and wanted variables.
     pub plan: Plan<'a>,
-    /// Further wanted variables: the FMU lists no derivatives of these.
+    /// Further wanted variables, for which the FMU lists no derivatives.
     pub others: Plan<'a>,
     /// True for each state that keeps its value.
     pub is_held: Vec<bool>,
@@ -26,10 +26,10 @@ pub(super) struct Aim<'a> {
 }
 
 impl<'a> Aim<'a> {
-    /// Finds the variables of an instance that is initialised.
+    /// Finds the variables of an initialised instance.
     ///
     /// # Errors
-    /// For a name that is none, or is given twice.
+    /// For a name that doesn't exist, or is given twice.
     pub fn new(
         instance: &Instance,
         plan: &Plan<'a>,
@@ -148,7 +148,7 @@ fn wanted<'a>(
     Ok(found)
 }
 
-/// The derivative that `der(NAME)` means: of the state of that name, or of the one that an output of that name equals.
+/// The derivative that `der(NAME)` means: that of the state NAME, or of the state that the output NAME equals.
 fn derivative<'a>(instance: &Instance, plan: &Plan<'a>, name: &str) -> Result<Option<&'a Variable>, Error> {
     let Some(name) = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')) else { return Ok(None) };
     if let Some(state) = plan.states.iter().position(|state| state.name == name) {
@@ -161,11 +161,11 @@ fn derivative<'a>(instance: &Instance, plan: &Plan<'a>, name: &str) -> Result<Op
     Ok(same.map(|state| plan.derivatives[state]))
 }
 
-/// The state that an output equals, at the present states and others.
+/// The state that an output equals, at the present states and at others.
 fn equal(instance: &Instance, output: &Variable, states: &[f64]) -> Result<Option<usize>, Error> {
     let mut same: Vec<usize> = (0..states.len()).collect();
     for part in [0.0, OTHER[0], OTHER[1]] {
-        // A different step for each state, or two with one value would be taken for one another.
+        // Each state gets a different step, or two states of one value would be confused.
         let step = |k: usize| part * states[k].abs().max(1.0) / (1.0 + 0.1 * k as f64);
         let moved: Vec<_> = states.iter().enumerate().map(|(k, state)| state + step(k)).collect();
         instance.set_states(&moved)?;

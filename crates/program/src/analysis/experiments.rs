@@ -1,4 +1,5 @@
-//! Experiments with a unit in co-simulation: what it does when an input, or the start value of a state, is changed a little.
+//! Experiments with an FMU in co-simulation: its responses to small changes of an input, or of the start value of a
+//! state.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use crate::system::NO_LIMIT;
 pub(super) const CHANGE: f64 = 1e-2;
 /// Largest deviation of a start value from the value that was set, relative to its change.
 const TAKEN: f64 = 1e-6;
-/// Communication steps for which a unit that begins at an operating point is compared with one that came there.
+/// Communication steps for which an FMU that starts at an operating point is compared with one simulated until there.
 const COMPARED: usize = 10;
 
 /// Subject of the experiments.
@@ -28,7 +29,8 @@ pub(super) trait Subject {
     fn step(&self) -> f64;
     /// The states whose start values can be set.
     fn starts(&self) -> Vec<usize>;
-    /// An experiment with a part of the usual change, over so many communication steps: an input is back after half of them.
+    /// Makes an experiment with a part of the usual change, over `steps` communication steps. An input returns after
+    /// half of them.
     fn experiment(&self, moved: Moved, part: f64, steps: usize) -> Result<Experiment, Error>;
 }
 
@@ -47,7 +49,7 @@ pub(super) struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    /// A unit at the states of a simulation from `start` until `time`.
+    /// An FMU at the states of a simulation from `start` until `time`.
     pub fn new(
         fmu: &'a Arc<Fmu>,
         plan: &'a Plan<'a>,
@@ -60,9 +62,9 @@ impl<'a> Bench<'a> {
         let instance = bench.arrived()?;
         instance.get_real(&references(&plan.states), &mut bench.states)?;
         instance.get_real(&references(&plan.inputs), &mut bench.inputs)?;
-        // There may be one instance at a time.
+        // An FMU may allow one instance at a time.
         let came = bench.answer(instance, None, COMPARED);
-        // A unit that refuses what its description lets one set is still moved by its inputs.
+        // An FMU that refuses values that its description allows is still moved by its inputs.
         bench.starts = bench.settable().unwrap_or(bench.starts);
         if time > start && !came.and_then(|(states, _)| bench.begins_as(&states)).unwrap_or(false) {
             bench.starts.fill(None);
@@ -84,7 +86,7 @@ impl<'a> Bench<'a> {
         prepared(instance, &OperatingPoint { start: Vec::new(), ..self.point.clone() }, time, time)
     }
 
-    /// The start values at the operating point; at its own start a unit has them.
+    /// The start values at the operating point; none at the FMU's own start.
     fn start_values(&self) -> Vec<(&'a Variable, f64)> {
         let values = self.starts.iter().zip(&self.states).filter_map(|(start, value)| Some(((*start)?, *value)));
         if self.time > self.start { values.collect() } else { Vec::new() }
@@ -105,8 +107,8 @@ impl<'a> Bench<'a> {
         Ok(own.into_iter().zip(parameters).map(|(own, parameter)| own.or(parameter)).collect())
     }
 
-    /// The parameter that is the start value of each state: it has the state's value, and the state follows when all such
-    /// parameters are changed, each by another amount.
+    /// Finds the parameter that is the start value of each state. It has the state's value, and the state follows when
+    /// all such parameters change, each by another amount.
     fn parameters_of_start(&self) -> Result<Vec<Option<&'a Variable>>, Error> {
         let is_settable =
             |v: &&Variable| (v.causality.as_str(), v.kind.as_str()) == ("parameter", "Real") && v.start.is_some();
@@ -134,7 +136,7 @@ impl<'a> Bench<'a> {
         Ok((0..states.len()).map(parameter_of).collect())
     }
 
-    /// True if the unit, begun with the states of the operating point, goes on as the one that came there.
+    /// True if the FMU, started with the states of the operating point, goes on as the one simulated until there.
     fn begins_as(&self, came: &DMatrix<f64>) -> Result<bool, Error> {
         if self.starts.iter().any(Option::is_none) {
             return Ok(false);
@@ -155,7 +157,7 @@ impl<'a> Bench<'a> {
         CHANGE * usual.filter(|usual| *usual > 0.0).unwrap_or(1.0).max(value.abs())
     }
 
-    /// States and outputs at communication points, while an input has a value for the first half of the steps.
+    /// States and outputs at communication points, while an input has a changed value for the first half of the steps.
     fn answer(
         &self,
         mut instance: Instance,
@@ -205,7 +207,7 @@ impl Subject for Bench<'_> {
             Moved::Input(input) => (self.plan.inputs[input], self.inputs[input]),
         };
         let change = part * self.change_of(variable, value);
-        // A unit refuses what is beyond the bounds of a variable, or answers as at the bound.
+        // An FMU refuses values beyond the bounds of a variable, or clips them.
         let (least, most) = variable.bounds();
         let (raised, lowered) = ((value + change).min(most.max(value)), (value - change).max(least.min(value)));
         let answer = |changed: f64| match moved {

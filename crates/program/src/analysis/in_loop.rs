@@ -1,4 +1,5 @@
-//! A law in its loop, as a target runs it: the Runge-Kutta steps that it needs in a period, and the signals that it reads.
+//! A controller in its loop, as a target runs it: the Runge-Kutta steps that it needs in a period, and its input
+//! signals.
 
 use std::sync::Arc;
 
@@ -18,19 +19,20 @@ const MOST: u32 = 4096;
 /// Periods in which they are.
 const PERIODS: f64 = 2000.0;
 
-/// A law in its loop: the Runge-Kutta steps that it needs in a period, and the signals that it reads there.
+/// A controller in its loop: the Runge-Kutta steps that it needs in a period, and its input signals there.
 #[derive(Debug)]
 pub struct InLoop {
-    /// Runge-Kutta steps; 1 of a law that integrates nothing.
+    /// Runge-Kutta steps; 1 of a controller that integrates nothing.
     pub substeps: u32,
     /// True if it integrates anything.
     pub integrates: bool,
-    /// The signals of its inputs that are connected, a value a period.
+    /// The signals of its connected inputs, a value a period.
     pub signals: Signals,
 }
 
-/// A component of a loop with so many Runge-Kutta steps in a period (s), or the fewest of 1, 2, 4 … with which it gives what it
-/// gives with twice as many, to 1e-3 of its largest output, in the first 2,000 periods of the loop.
+/// Analyses a component of a loop with `steps` Runge-Kutta steps in a period (s). Without `steps`, it takes the fewest
+/// of 1, 2, 4 … whose outputs agree with those of twice as many, to 1e-3 of the largest output, in the first 2,000
+/// periods.
 ///
 /// # Errors
 /// When the loop can't be run, or 4096 steps aren't enough.
@@ -45,10 +47,10 @@ pub fn in_loop(
     let names: Vec<String> = sources.iter().map(|(_, signal, _)| signal.clone()).collect();
     let (substeps, rows) = match (asked, &runs.method) {
         (None, Some(_)) => runs.fewest(&names)?,
-        // Up to where it fails, should it do so with these steps.
+        // Up to the failure, if it fails with these steps.
         (asked, _) => (asked.unwrap_or(1), runs.rows(asked.unwrap_or(1), &names).0),
     };
-    // The values at the end of a step: those that a law reads which is stepped last.
+    // The values at the end of a step, which a controller reads that is stepped last.
     let column =
         |k: usize, on_the_way: Affine| rows.iter().skip(1).map(|row| on_the_way.of(row[k])).collect::<Vec<f64>>();
     let columns = sources.into_iter().enumerate().map(|(k, (input, _, on_the_way))| (input, column(k, on_the_way)));
@@ -61,7 +63,7 @@ pub fn in_loop(
 struct Runs {
     loaded: LoadedLoop,
     settings: Settings,
-    /// The component's variables that choose method and number of steps; nothing where it integrates nothing.
+    /// The component's variables that choose method and number of steps; none if it integrates nothing.
     method: Option<[Place; 2]>,
     outputs: Vec<String>,
     fmu: String,
@@ -85,8 +87,8 @@ impl Runs {
         Ok(Runs { loaded, settings, method, outputs, fmu: component.fmu.clone() })
     }
 
-    /// Signals at each point of a run, in the first periods; no number where the loop has no such signal. They end where the run
-    /// fails.
+    /// Signals at each point of a run in the first periods, which end if the run fails. Signals that the loop lacks are
+    /// NaN.
     fn rows(&self, count: u32, signals: &[String]) -> (Vec<Vec<f64>>, Result<(), Error>) {
         let fixed = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == IntegrationMethod::Fixed);
         let values = [fixed.map_or(0, |place| place as i32 + 1), count as i32].map(Value::Integer);
@@ -117,7 +119,7 @@ impl Runs {
         let (mut count, mut coarse) = (1, run(1));
         while count <= MOST {
             let fine = run(2 * count);
-            // With too few steps a law may leave any range.
+            // With too few steps a controller may leave any range.
             if let (Ok(coarse), Ok(fine)) = (&coarse, &fine)
                 && are_same(coarse, fine, outputs)
             {
@@ -134,7 +136,7 @@ impl Runs {
     }
 }
 
-/// True if so many outputs, which come first in a row, are nearly the same.
+/// True if the outputs, which come first in a row, are nearly the same.
 fn are_same(coarse: &[Vec<f64>], fine: &[Vec<f64>], outputs: usize) -> bool {
     (0..outputs).all(|k| {
         let largest = fine.iter().map(|row| row[k].abs()).fold(0.0, f64::max);

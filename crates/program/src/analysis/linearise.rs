@@ -1,5 +1,5 @@
-//! The linear system x' = A x + B u, y = C x + D u that an FMU is like about an operating point: from the exact
-//! derivatives that it gives, else from differences of its equations, else from its responses.
+//! The linear system x' = A x + B u, y = C x + D u of an FMU about an operating point: from its exact derivatives, else
+//! from differences of its equations, else from its responses.
 
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ pub struct Linearisation {
 /// Linearises an FMU.
 ///
 /// # Errors
-/// When a start value is refused, there is no steady state, or what the unit shows is no linear system.
+/// When a start value is refused, there is no steady state, or the responses are those of no linear system.
 pub fn linearise(fmu: &Arc<Fmu>, point: &OperatingPoint) -> Result<Linearisation, Error> {
     let refuse = |reason: String| Error::Archive { file: fmu.file().to_owned(), reason };
     let structure = ModelStructure::read(fmu.text()).map_err(refuse)?;
@@ -144,7 +144,7 @@ fn found<'a>(
     Ok(Found { instance, plan, method, trim: None, matrices })
 }
 
-/// An instance for model exchange at the states of a simulation until a time.
+/// An instance for model exchange at the states that a simulation reaches at a time.
 fn exchanged(
     fmu: &Arc<Fmu>,
     plan: &Plan,
@@ -174,7 +174,7 @@ fn exchanged(
     Ok(instance)
 }
 
-/// The states of a unit whose description names none: those that the user names, else its outputs.
+/// The states of an FMU whose description names none: those that the user names, otherwise its outputs.
 fn named_states<'a>(fmu: &'a Fmu, plan: &Plan<'a>, point: &OperatingPoint) -> Result<Vec<&'a Variable>, Error> {
     if point.states.is_empty() {
         return Ok(plan.outputs.clone());

@@ -1,5 +1,5 @@
-//! Newton's method for any number of equations in any number of unknowns, which may have bounds: each step is the
-//! shortest one of those that solve the linear equations best.
+//! Newton's method for any number of equations in any number of unknowns, which may have bounds. Each step is the
+//! shortest one that solves the linear equations best.
 
 #[cfg(test)]
 mod tests;
@@ -10,20 +10,20 @@ use fastrand::Rng;
 use nalgebra::{DMatrix, DVector};
 
 const STEPS: usize = 100;
-/// Further starts, where a search from the start values finds nothing.
+/// Further starts if a search from the start values finds nothing.
 const NEW_STARTS: usize = 5;
-/// A new start is so far from the first one, at most, as a part of an unknown's scale.
+/// Largest distance of a new start from the first one, in parts of an unknown's scale.
 const AWAY: f64 = 0.1;
 const SEED: u64 = 1;
 /// Largest residual of a solution, relative to its equation's scale.
 const TOLERANCE: f64 = 1e-10;
 /// Singular values below this part of the largest count as zero.
 const RANK: f64 = 1e-9;
-/// A step is never shortened below this part while it is searched along.
+/// A step is never shortened below this part in the line search.
 const SHORTEST: f64 = 1e-6;
-/// A step lessens the sum of squares by at least this part of its slope.
+/// A step must lessen the sum of squares by at least this part of its slope.
 const LESSENED: f64 = 1e-4;
-/// A step whose slope is below this part of the sum of squares lessens nothing: they are as small as they can be.
+/// A step whose slope is below this part of the sum of squares doesn't lessen it: the minimum is reached.
 const NO_SLOPE: f64 = 1e-14;
 /// An equation's scale never falls below this part of its largest one, or rounding would be taken for a residual.
 const LEAST_SCALE: f64 = 1e-3;
@@ -37,10 +37,10 @@ pub(super) trait Equations {
     /// Reason why they have no residuals somewhere.
     type Error;
 
-    /// Residuals at the unknowns, which an event there may change.
+    /// Residuals at the unknowns, which an event may change.
     fn residuals(&mut self, unknowns: &mut DVector<f64>) -> Result<DVector<f64>, Self::Error>;
 
-    /// Derivatives of the residuals by the unknowns, where the residuals were computed last.
+    /// Derivatives of the residuals by the unknowns, where the residuals were last computed.
     fn jacobian(&mut self) -> Result<DMatrix<f64>, Self::Error>;
 
     /// True if the search may go on with other unknowns after this error.
@@ -77,9 +77,9 @@ pub(super) struct End {
     pub new_starts: usize,
     /// Rank of the Jacobian.
     pub rank: usize,
-    /// True for each unknown that can change while all equations go on to hold.
+    /// True for each unknown that can change while all equations still hold.
     pub can_move: Vec<bool>,
-    /// The bound, for each unknown that is at one: `Less` for the smallest value, `Greater` for the largest.
+    /// The bound of each unknown that is at one: `Less` for the smallest value, `Greater` for the largest.
     pub at_bound: Vec<Option<Ordering>>,
 }
 
@@ -93,7 +93,7 @@ impl Unknown {
         value.min(most).max(least)
     }
 
-    /// The bound that a value is at.
+    /// The bound that a value has reached.
     fn bound(&self, value: f64) -> Option<Ordering> {
         let near = AT_BOUND * self.scale(value);
         let (least, most) = self.bounds;
@@ -104,7 +104,7 @@ impl Unknown {
         }
     }
 
-    /// Length of a step from a bound to values beyond it, else 0.
+    /// Length of a step from a bound to values beyond it; 0 for other steps.
     fn outward(&self, value: f64, step: f64) -> f64 {
         let near = AT_BOUND * self.scale(value);
         let (least, most) = self.bounds;
@@ -112,7 +112,7 @@ impl Unknown {
         if is_outward { step.abs() } else { 0.0 }
     }
 
-    /// Part of a step until its longest one or its bound.
+    /// Part of a step within its longest length and its bound.
     fn part(&self, value: f64, step: f64) -> f64 {
         let (least, most) = self.bounds;
         let room = if step < 0.0 { value - least } else { most - value };
@@ -120,8 +120,8 @@ impl Unknown {
     }
 }
 
-/// Searches from a start, and from some others near it where that finds no solution; the solution, else the end with
-/// the least residuals.
+/// Searches from a start, and from some others near it if that finds no solution. Returns the solution, otherwise the
+/// end with the least residuals.
 ///
 /// # Errors
 /// When the equations have no residuals at the start.
@@ -133,7 +133,7 @@ pub(super) fn solve<E: Equations>(
     let mut search = Search { equations, unknowns, largest: DVector::zeros(0) };
     let mut best = search.from(start.clone())?;
     let mut random = Rng::with_seed(SEED);
-    // Where nothing can move, each start ends as the first.
+    // If nothing can move, each start ends as the first.
     let starts = if unknowns.iter().any(|unknown| unknown.starts_anew) { NEW_STARTS } else { 0 };
     for new_starts in 1..=starts {
         if best.is_solution {
@@ -207,7 +207,8 @@ impl<'a, E: Equations> Search<'a, E> {
         Ok(Local { unknowns, values, residuals, jacobian, columns, rows })
     }
 
-    /// Unknowns along the step that lessen the residuals, with these: after all of the step, else a part of it.
+    /// Unknowns along the step that lessen the residuals, with these: after the whole step, otherwise after a part of
+    /// it.
     fn along(&mut self, local: &Local) -> Result<Option<Next>, E::Error> {
         let step = local.step();
         let longest = local.part(&step);
@@ -246,8 +247,8 @@ impl Local<'_> {
         })
     }
 
-    /// Rate of the sum of squares of relative residuals along a step, downwards: twice that sum where the linear equations
-    /// have a solution.
+    /// Rate of decrease of the sum of squares of relative residuals along a step: twice that sum if the linear
+    /// equations have a solution.
     fn slope(&self, step: &DVector<f64>) -> f64 {
         -2.0 * self.relative(&self.residuals).dot(&self.relative(&(&self.jacobian * step)))
     }
@@ -256,8 +257,8 @@ impl Local<'_> {
         self.unknowns.iter().zip(&self.values).map(|(unknown, value)| unknown.bound(*value)).collect()
     }
 
-    /// Newton step in which no unknown at its bound goes beyond: one that would stays where it is, and the step is
-    /// sought without it.
+    /// Newton step in which no unknown goes beyond its bound: one that would stays where it is, and the step is
+    /// computed without it.
     fn step(&self) -> DVector<f64> {
         let mut jacobian = self.scaled_jacobian();
         let mut stays = vec![false; self.unknowns.len()];
@@ -274,7 +275,7 @@ impl Local<'_> {
         }
     }
 
-    /// Part of a step that no unknown's longest step and no bound forbids.
+    /// Part of a step that respects each unknown's longest step and bounds.
     fn part(&self, step: &DVector<f64>) -> f64 {
         let parts = self.unknowns.iter().enumerate().map(|(k, unknown)| unknown.part(self.values[k], step[k]));
         parts.fold(1.0, f64::min)
@@ -309,11 +310,11 @@ fn least_squares(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     }
     let singular = a.clone().svd(true, true);
     let smallest = RANK * singular.singular_values.max();
-    // Never an error: both matrices were asked for, and the threshold is not negative.
+    // This never fails: both matrices were asked for, and the threshold is not negative.
     singular.solve(b, smallest).unwrap_or_else(|_| nothing())
 }
 
-/// The rank of a matrix, and the unknowns that take part in a combination which it maps to zero.
+/// The rank of a matrix, and the unknowns in combinations that it maps to zero.
 fn rank(matrix: &DMatrix<f64>) -> (usize, Vec<bool>) {
     if matrix.is_empty() || !matrix.iter().all(|entry| entry.is_finite()) {
         return (0, vec![true; matrix.ncols()]);
@@ -322,7 +323,7 @@ fn rank(matrix: &DMatrix<f64>) -> (usize, Vec<bool>) {
     let smallest = RANK * singular.singular_values.max();
     let directions: Vec<_> = singular.v_t.iter().flat_map(|rows| rows.row_iter()).collect();
     let kept = || directions.iter().zip(&singular.singular_values).filter(|(_, value)| **value > smallest);
-    // What is left of each unit vector without the directions that the matrix distinguishes.
+    // Remainder of each unit vector without the directions that the matrix distinguishes.
     let left = |k: usize| 1.0 - kept().map(|(direction, _)| direction[k].powi(2)).sum::<f64>();
     (kept().count(), (0..matrix.ncols()).map(|k| left(k).max(0.0).sqrt() > MOVABLE).collect())
 }

@@ -1,11 +1,11 @@
-//! Operating points: where an FMU is linearised, how it comes there, and by what means its matrices are found.
+//! Operating points: where an FMU is linearised, how it is reached, and which method finds the matrices.
 
 use serde::Serialize;
 
 use crate::error::Error;
 use crate::fmu::{Fmu, Instance, set_starts};
 
-/// Communication steps for which an input is changed, and for which it is back: at most.
+/// The most communication steps for which an input is changed, and for which it has returned.
 pub(super) const STEPS: usize = 250;
 /// The most communication steps of an experiment.
 pub(super) const LONGEST: usize = 2 * STEPS + 1;
@@ -13,37 +13,37 @@ pub(super) const LONGEST: usize = 2 * STEPS + 1;
 /// Operating point at which an FMU is linearised.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct OperatingPoint {
-    /// Time, s; the start time where none is given.
+    /// Time, s [default: the start time].
     pub time: Option<f64>,
-    /// True if states are sought whose derivatives are zero then, as they are where inputs are free or values are wanted.
-    /// Else they are those of a simulation until then.
+    /// True to find states with zero derivatives at `time`, which free inputs and wanted values imply. Otherwise the
+    /// states are those of a simulation until `time`.
     pub steady_state: bool,
     /// Inputs whose values are sought, too.
     pub free: Vec<String>,
-    /// Wanted values of outputs, local variables and derivatives; other derivatives are zero.
+    /// Wanted values of outputs, local variables and derivatives; derivatives not listed are zero.
     pub want: Vec<(String, f64)>,
     /// States that keep their start values.
     pub hold: Vec<String>,
     /// Start values of parameters and inputs; inputs keep them.
     pub start: Vec<(String, String)>,
-    /// The variables that are its states, where its description names none; all Real outputs where none are given.
+    /// Names of the states, if the description names none [default: all Real outputs].
     pub states: Vec<String>,
-    /// Communication step of simulations and experiments, s; the one that the unit proposes where none is given.
+    /// Communication step of simulations and experiments, s [default: that of the FMU].
     pub step: Option<f64>,
 }
 
 impl OperatingPoint {
-    /// True if an operating point is sought, not simulated.
+    /// True if an operating point is searched for, not simulated.
     pub fn is_sought(&self) -> bool {
         self.steady_state || !self.is_plain()
     }
 
-    /// True if nothing is wanted but that derivatives are zero.
+    /// True if zero derivatives are all that is wanted.
     pub(super) fn is_plain(&self) -> bool {
         self.free.is_empty() && self.want.is_empty() && self.hold.is_empty()
     }
 
-    /// Communication step of a unit's simulations and experiments, s.
+    /// Communication step of simulations and experiments, s.
     pub(super) fn step_of(&self, fmu: &Fmu) -> f64 {
         self.step.unwrap_or_else(|| fmu.step())
     }
@@ -75,7 +75,7 @@ pub enum Method {
     },
 }
 
-/// An instance with its start values, initialised.
+/// An initialised instance with its start values.
 pub(super) fn prepared(
     mut instance: Instance,
     point: &OperatingPoint,
@@ -83,7 +83,7 @@ pub(super) fn prepared(
     time: f64,
 ) -> Result<Instance, Error> {
     set_starts(&instance, &point.start)?;
-    // A stop time must be after the start, and nothing steps beyond it.
+    // A stop time must be after the start, and no step may go beyond it.
     let span = LONGEST as f64 * point.step_of(instance.fmu());
     instance.enter_initialization(start, time.max(start + 1.0).max(time + span))?;
     instance.exit_initialization()?;

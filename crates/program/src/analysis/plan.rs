@@ -1,4 +1,4 @@
-//! The variables of a linear system, and how they change with each other.
+//! The variables of a linear system, and their sensitivities to each other.
 
 use nalgebra::DMatrix;
 
@@ -16,8 +16,8 @@ pub(super) enum Derivatives {
     Differences,
 }
 
-/// A difference moves a value by this part of its magnitude, or of its nominal value where that is larger: the third root
-/// of the rounding, which makes the errors of both smallest.
+/// Change of a value in a difference, in parts of its magnitude, or of its nominal value if that is larger: the third
+/// root of the rounding error, which balances it against the truncation error.
 pub(super) const DIFFERENCE: f64 = 6e-6;
 
 /// The variables of the matrices.
@@ -124,7 +124,7 @@ impl<'a> Plan<'a> {
                 found.extend(outputs);
                 Ok::<_, Error>(found)
             };
-            // Beyond a bound a unit refuses a value, or answers as at the bound.
+            // Beyond a bound an FMU refuses a value, or clips it.
             let (least, most) = bounds[k];
             let (above, below) =
                 ((values[k] + step).min(most.max(values[k])), (values[k] - step).max(least.min(values[k])));
@@ -147,7 +147,7 @@ impl<'a> Plan<'a> {
 }
 
 impl Changes {
-    /// Sets a column: the derivatives' part, then the outputs'.
+    /// Sets a column: first the derivatives, then the outputs.
     fn set(&mut self, column: usize, values: &[f64]) {
         let (derivatives, outputs) = values.split_at(self.derivatives.nrows());
         self.derivatives.column_mut(column).copy_from_slice(derivatives);

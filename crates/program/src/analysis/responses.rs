@@ -1,5 +1,5 @@
-//! The linear system that a unit in co-simulation is like, where it gives no derivatives: from what small changes of its
-//! inputs, and of start values of its states, do to its states, which it shows at communication points.
+//! The linear system of an FMU in co-simulation without derivatives. It follows from the responses of its states, which
+//! it shows at communication points, to small changes of its inputs, and of start values of its states.
 
 use std::sync::Arc;
 
@@ -12,32 +12,32 @@ use super::sampled::{Difference, Fit, Moved, Unfit, misfit};
 use crate::error::Error;
 use crate::fmu::Fmu;
 
-/// Above this misfit, relative to the answers, the linear system is none.
+/// Largest misfit of a linear system, relative to the answers.
 const WORST_MISFIT: f64 = 0.1;
-/// Two extrapolations that differ more than this, relative to the largest entry, are not certain.
+/// Largest difference of two extrapolations that count as certain, relative to the largest entry.
 const WORST_DIFFERENCE: f64 = 1e-2;
 /// The same of eigenvalues, relative to the largest.
 const WORST_EIGENVALUES: f64 = 5e-4;
-/// Two extrapolations that differ by this part of what is allowed are good enough.
+/// Part of the allowed difference of two extrapolations at which they are good enough.
 const ENOUGH: f64 = 0.02;
 /// Growth of an answer beyond which it hides what doesn't grow.
 const GROWTH: f64 = 100.0;
 /// Sizes of experiments with inputs that are tried; fewer are tried after experiments with start values.
 const TRIES: usize = 12;
 const FEW_TRIES: usize = 3;
-/// A unit that fails so often fails for another reason than a large change.
+/// Number of failures after which the size of the change can't be their cause.
 const MOST_FAILURES: usize = 4;
 /// Factor of the change in the next try after one that failed.
 const SMALLER: f64 = 0.125;
-/// Experiments with start values: communication steps of their halves, and part of the usual change.
+/// Experiments with start values: communication steps of half of each, and part of the usual change.
 const STARTS: [(usize, f64); 8] =
     [(1, 1.0), (1, 1e-1), (8, 1.0), (1, 1e-2), (64, 1.0), (1, 1e-3), (64, 1e-1), (1, 1e-4)];
-/// Above this growth in a communication step a shorter one helps.
+/// Growth in a communication step above which a shorter step helps.
 const FAST: f64 = 1.2;
-/// Above this condition number the answers are too short for what they are to show.
+/// Condition number above which the answers are too short to identify the system.
 const ILL: f64 = 1e6;
 
-/// Experiments of one size and what they lead to: the fits to them and to experiments half as large and half as long,
+/// Experiments of one size and their results: the fits to them and to experiments half as large and half as long,
 /// extrapolated to no change at all.
 #[derive(Debug, Clone)]
 struct Tried {
@@ -63,7 +63,7 @@ impl Tried {
         (matrices / WORST_DIFFERENCE).max(eigenvalues / WORST_EIGENVALUES)
     }
 
-    /// The same with what was found from other experiments.
+    /// The same, compared with the result of other experiments.
     fn with(&self, other: &Tried) -> Tried {
         Tried { difference: self.fit.difference(&other.fit), ..self.clone() }
     }
@@ -85,7 +85,7 @@ impl Tried {
         (steps, self.part / most)
     }
 
-    /// True if inputs do over many steps what the linear system foretells.
+    /// True if inputs have the effect over many steps that the linear system predicts.
     fn foretells(
         &self,
         subject: &impl Subject,
@@ -140,7 +140,7 @@ fn found(subject: &impl Subject) -> Result<(Tried, usize), Trouble> {
         }
         Ok(_) => Ok((by_starts, starts.len())),
         Err(_) if by_starts.foretells(subject, &inputs, size)? => Ok((by_starts, starts.len())),
-        // Where the operating point moves, a linear system foretells less.
+        // If the operating point moves, predictions of a linear system hold for a shorter time.
         Err(_) => match alone() {
             Err(_) if by_starts.foretells(subject, &inputs, (size.0.div_ceil(8), size.1))? => {
                 Ok((by_starts, starts.len()))
@@ -170,7 +170,7 @@ fn by_inputs(subject: &impl Subject, moved: &[Moved], size: (usize, f64), tries:
     for _ in 0..tries {
         let tried = extrapolated(subject, moved, part, steps);
         let fit = tried.as_ref().ok().map(|tried| &tried.fit);
-        // Of what is no linear system, nothing follows but that less may be one.
+        // A misfit shows only that smaller changes may be linear.
         let growth = fit.filter(|fit| fit.misfit <= WORST_MISFIT).map(|fit| fit.growth);
         if best.takes(tried) {
             break;
@@ -184,7 +184,7 @@ fn by_inputs(subject: &impl Subject, moved: &[Moved], size: (usize, f64), tries:
     best.found()
 }
 
-/// The number of steps of half an experiment in which the answer grows as much as it may.
+/// The number of steps of half an experiment in which the answer grows as much as allowed.
 fn longest(growth: f64) -> usize {
     let steps = 0.5 * GROWTH.ln() / growth.ln();
     if growth > 1.0 && steps < STEPS as f64 { steps as usize } else { STEPS }
@@ -199,7 +199,7 @@ struct Best {
 }
 
 impl Best {
-    /// Takes a try; whether another one is of no use.
+    /// Takes a try. Returns true if further ones are useless.
     fn takes(&mut self, tried: Result<Tried, Trouble>) -> bool {
         match tried {
             Ok(tried) if tried.fit.misfit <= WORST_MISFIT => {
@@ -212,7 +212,7 @@ impl Best {
                 false
             }
             Err(trouble) => {
-                // A unit may fail at a change that is too large for it.
+                // A change may be too large for an FMU.
                 self.failures += usize::from(matches!(trouble, Trouble::Unit(_)));
                 let is_final =
                     self.failures >= MOST_FAILURES || matches!(trouble, Trouble::Unfit(Unfit::StillState(_)));
@@ -231,7 +231,7 @@ impl Best {
             (Some(best), _) if best.excess() <= ENOUGH => Ok(best),
             (Some(best), _) if best.excess() <= 1.0 && tried.any(|other| best.with(&other).excess() <= 1.0) => Ok(best),
             (Some(best), _) => Err(Trouble::Uncertain(Box::new(best))),
-            // Something was tried: either it led to a fit, or there is a reason why it didn't.
+            // Each try led either to a fit, or to a reason why it didn't.
             (None, trouble) => Err(trouble.unwrap_or(Trouble::Unfit(Unfit::NoLogarithm))),
         }
     }

@@ -1,15 +1,15 @@
-//! The linear system that experiments show: the sampled one by least squares, and the continuous one whose sampling it is.
+//! The linear system behind experiments: the sampled one by least squares, and the continuous one that it samples.
 
 use nalgebra::{Complex, DMatrix, DVector};
 
 use crate::eigenvalues::complex;
 use crate::mathematics::logarithm::logarithm;
 
-/// Singular values of the answers below this part of the largest are rounding.
+/// Singular values of the answers below this part of the largest are rounding errors.
 const RANK: f64 = 1e-12;
-/// A signal that contributes less than this part of the largest contribution contributes nothing.
+/// A contribution of a signal below this part of the largest counts as zero.
 const NOTHING: f64 = 1e-6;
-/// Eigenvalues below this part of the largest entry of A can be all zero: those of integrators in a row.
+/// Eigenvalues below this part of the largest entry of A may all be zero: those of integrators in a row.
 const ZERO: f64 = 0.1;
 
 /// Change that an experiment makes.
@@ -17,15 +17,15 @@ const ZERO: f64 = 0.1;
 pub(super) enum Moved {
     /// The start value of a state.
     Start(usize),
-    /// An input, for the first half of the communication steps.
+    /// An input, changed for the first half of the communication steps.
     Input(usize),
 }
 
-/// An experiment's answers: half the difference between a change up and one down.
+/// Answers of an experiment: half the difference between a change up and one down.
 #[derive(Debug)]
 pub(super) struct Experiment {
     pub moved: Moved,
-    /// Half the difference between the two values of what is changed.
+    /// Half the difference between the two values of the changed variable.
     pub change: f64,
     /// States at the communication points, and outputs; a column a point.
     pub states: DMatrix<f64>,
@@ -85,9 +85,9 @@ pub(super) struct Difference {
 pub(super) enum Unfit {
     /// No experiment moves a state.
     StillState(usize),
-    /// The signals depend on each other: how many don't.
+    /// The signals depend on each other; this many are independent.
     Dependent(usize),
-    /// The sampled system is that of no continuous one.
+    /// The sampled system belongs to no continuous one.
     NoLogarithm,
 }
 
@@ -178,7 +178,7 @@ impl Fit {
     /// Returns the difference of another fit from this one.
     pub fn difference(&self, other: &Fit) -> Difference {
         let n = self.rates.nrows();
-        // Of states, and of signals, that are scaled to one size: what they are in the experiments.
+        // Both are scaled to one size: the one that signals have in the experiments.
         let of_rates = |fit: &Fit| {
             let by_signals = self.scaled(&fit.rates);
             DMatrix::from_fn(n, by_signals.ncols(), |i, j| by_signals[(i, j)] / self.size(i))
@@ -198,18 +198,18 @@ impl Fit {
         Difference { matrices: largest(matrices), eigenvalues }
     }
 
-    /// A matrix by signals that are scaled to one size.
+    /// A matrix for signals that are scaled to one size.
     fn scaled(&self, matrix: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * self.size(j))
     }
 
-    /// The size of a signal, a state or an input; 1 of one that never moves.
+    /// The size of a signal, a state or an input; 1 if it never moves.
     fn size(&self, signal: usize) -> f64 {
         if self.sizes[signal] > 0.0 { self.sizes[signal] } else { 1.0 }
     }
 }
 
-/// A matrix without the entries that contribute nothing but rounding to their rows.
+/// A matrix without entries that are only rounding errors of their rows.
 fn cleaned(mut matrix: DMatrix<f64>, sizes: &DVector<f64>) -> DMatrix<f64> {
     for mut row in matrix.row_iter_mut() {
         let largest = row.iter().zip(sizes).map(|(entry, size)| entry.abs() * size).fold(0.0, f64::max);
@@ -222,18 +222,18 @@ fn cleaned(mut matrix: DMatrix<f64>, sizes: &DVector<f64>) -> DMatrix<f64> {
     matrix
 }
 
-/// A difference relative to the largest value; of no difference, 0.
+/// A difference relative to the largest value; 0 if all values are 0.
 fn relative(difference: f64, largest: f64) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / largest }
 }
 
-/// The largest of numbers, of which one that is none is larger than all.
+/// The largest of some numbers; NaN counts as larger than all.
 fn largest(numbers: impl IntoIterator<Item = f64>) -> f64 {
     numbers.into_iter().fold(0.0, |most: f64, next| if next.is_nan() { f64::INFINITY } else { most.max(next) })
 }
 
-/// The largest distance of an eigenvalue of either matrix from the other's, relative to the largest one, or to the largest
-/// entry where all are zero but for rounding.
+/// The largest distance of an eigenvalue of either matrix from the other's. It is relative to the largest one, or to
+/// the largest entry if all are zero up to rounding.
 fn eigenvalues_apart(one: &DMatrix<f64>, other: &DMatrix<f64>, entry: f64) -> f64 {
     if !(one.norm_squared() + other.norm_squared()).is_finite() {
         return f64::INFINITY;
@@ -249,9 +249,10 @@ fn eigenvalues_apart(one: &DMatrix<f64>, other: &DMatrix<f64>, entry: f64) -> f6
     relative(apart, largest)
 }
 
-/// The matrix whose product with each row of `known`, as a column, is the row of `wanted`; and the condition number.
+/// Solves for the matrix whose product with each row of `known` is the row of `wanted`; returns the condition number,
+/// too.
 fn solved(known: &DMatrix<f64>, wanted: &DMatrix<f64>) -> Result<(DMatrix<f64>, f64), Unfit> {
-    // Signals may be of very different sizes.
+    // Sizes of signals may differ by far.
     let sizes = DVector::from_fn(known.ncols(), |column, _| known.column(column).amax().max(f64::MIN_POSITIVE));
     let scaled = DMatrix::from_fn(known.nrows(), known.ncols(), |i, j| known[(i, j)] / sizes[j]);
     let singular = scaled.svd(true, true);
@@ -276,7 +277,7 @@ pub(super) fn misfit(sampled: &DMatrix<f64>, experiments: &[Experiment]) -> f64 
                 let u = DVector::from_fn(m, |input, _| experiment.input(input, k));
                 x = sampled.columns(0, n) * x + sampled.columns(n, m) * u;
                 let difference = relative((x[state] - experiment.states[(state, k + 1)]).abs(), largest);
-                // A number that is none is the worst of all.
+                // NaN is the worst of all.
                 worst = if difference > worst || difference.is_nan() { difference } else { worst };
             }
         }

@@ -1,5 +1,5 @@
-//! The search for an operating point of an FMU: states, and inputs that are free, at which derivatives are zero and
-//! variables have wanted values.
+//! Search for an operating point of an FMU: states and free inputs at which derivatives are zero and variables have
+//! their wanted values.
 
 mod remaining;
 
@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::fmu::Instance;
 use crate::model_description::Variable;
 
-/// No angle changes by more in one Newton step, rad: beyond, equations are too different from linear ones.
+/// Largest change of an angle in a Newton step, rad: beyond it, linear equations are too inaccurate.
 const LONGEST_TURN: f64 = 0.5;
 /// Base units of an angle.
 const ANGLE: [i32; 8] = [0, 0, 0, 0, 0, 0, 0, 1];
@@ -26,9 +26,9 @@ const ANGLE: [i32; 8] = [0, 0, 0, 0, 0, 0, 0, 1];
 pub struct Trim {
     /// Inputs that were free.
     pub free: Vec<String>,
-    /// Variables that were to have a value, with these.
+    /// Wanted variables, with their wanted values.
     pub wanted: Vec<Wanted>,
-    /// States whose values were not to change.
+    /// States that had to keep their values.
     pub held: Vec<String>,
     /// Number of equations: one for each state, and for each wanted variable that is not a derivative.
     pub equations: usize,
@@ -40,7 +40,7 @@ pub struct Trim {
     pub steps: usize,
     /// Number of new starts near the start values.
     pub new_starts: usize,
-    /// Unknowns that can change without a change of the equations: where there are any, this operating point is one of
+    /// Unknowns that can change without a change of the equations. If there are any, this operating point is one of
     /// many.
     pub can_move: Vec<String>,
     /// Free inputs that are at a bound.
@@ -49,7 +49,7 @@ pub struct Trim {
     pub is_steady: bool,
 }
 
-/// A variable that was to have a value.
+/// A wanted variable.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Wanted {
     /// Name.
@@ -74,7 +74,7 @@ pub struct AtBound {
 }
 
 impl Trim {
-    /// True if there is no other operating point near.
+    /// True if there is no other operating point nearby.
     pub fn is_unique(&self) -> bool {
         self.rank == self.unknowns
     }
@@ -82,8 +82,8 @@ impl Trim {
 
 /// Moves an instance for model exchange, just initialised, to an operating point.
 ///
-/// Several points may solve the equations: each step is the shortest one that solves the linear equations, so that one near the
-/// start values is found.
+/// If several points solve the equations, one near the start values is found: each step is the shortest one that solves
+/// the linear equations.
 ///
 /// # Errors
 /// When there is none near the start values, with the residuals that remain.
@@ -142,7 +142,7 @@ struct Bound<'a, 'b> {
     aim: &'a Aim<'b>,
     /// Places of the states that may move.
     moving: Vec<usize>,
-    /// All states, those that keep their values too.
+    /// All states, including those that keep their values.
     states: Vec<f64>,
 }
 
@@ -182,7 +182,7 @@ impl<'a, 'b> Bound<'a, 'b> {
         Ok(values)
     }
 
-    /// Sets the unknowns. What switches there switches: an event may even set the states anew.
+    /// Sets the unknowns. This may cause events, which may even set the states anew.
     fn set(&mut self, unknowns: &DVector<f64>) -> Result<(), Error> {
         let (states, inputs) = unknowns.as_slice().split_at(self.moving.len());
         if !inputs.is_empty() {

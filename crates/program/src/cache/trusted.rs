@@ -8,21 +8,21 @@ use std::path::Path;
 use super::NAME;
 use crate::process::user;
 
-/// The group or others may write there.
+/// Permission to write for the group or others.
 const SHARED: u32 = 0o022;
-/// Who writes there can't rename or remove what is another's.
+/// Permission that keeps users from renaming or removing files of others.
 const STICKY: u32 = 0o1000;
 /// The mode of the folder itself.
 const PRIVATE: u32 = 0o700;
 
-/// Makes the folder where it isn't there; whether it can be used. One of the user's own that others may write to is closed
-/// to them, where nothing else is in it.
+/// Creates the folder if necessary, and returns true if it can be used. A folder of the user that others may write to
+/// is closed to them if it has only files of the cache.
 ///
 /// # Errors
-/// Why what is there isn't to be trusted.
+/// Why the folder isn't to be trusted.
 pub fn folder(path: &Path) -> Result<bool, String> {
     let Ok(path) = std::path::absolute(path) else { return Ok(false) };
-    // Nothing is made where others may follow.
+    // Nothing is created where others may write.
     if let Some(parent) = path.parent() {
         check_way(parent)?;
     }
@@ -43,7 +43,7 @@ pub fn folder(path: &Path) -> Result<bool, String> {
     if is_closed { Ok(true) } else { Err(open_to_others(&path)) }
 }
 
-/// True if all that is in a folder has a name that the cache gives.
+/// True if all names in a folder are those of the cache.
 fn holds_nothing_else(folder: &Path) -> io::Result<bool> {
     let is_of_cache = |name: &[u8]| {
         name.starts_with(b".tmp") || name.get(..NAME).is_some_and(|name| name.iter().all(u8::is_ascii_hexdigit))
@@ -56,8 +56,8 @@ fn holds_nothing_else(folder: &Path) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Checks all folders on the way to one, as far as they are there: they are the user's or the system's, and nobody else can
-/// put another folder in their place.
+/// Checks all existing folders on the way to one: they belong to the user or the system, and nobody else can put
+/// another folder in their place.
 fn check_way(path: &Path) -> Result<(), String> {
     let root = fs::symlink_metadata("/").map_or(0, |root| root.uid());
     let way = path.ancestors().collect::<Vec<_>>();
@@ -67,7 +67,7 @@ fn check_way(path: &Path) -> Result<(), String> {
             return Err(foreign(part, &found));
         }
         if found.is_symlink() {
-            // As /tmp of macOS, or what an administrator moved elsewhere.
+            // Examples are /tmp of macOS, or a folder that an administrator moved.
             let is_of_system = found.uid() == root && (root != user() || part.parent() == Some(Path::new("/")));
             if !is_of_system {
                 return Err(format!("{} is a link", part.display()));
@@ -91,7 +91,7 @@ fn open_to_others(path: &Path) -> String {
 /// Opens a file of the cache.
 ///
 /// # Errors
-/// When it isn't there, or isn't a file of the user's own that nobody else may write to.
+/// When it doesn't exist, or isn't a file of the user that nobody else may write to.
 pub fn open(file: &Path) -> io::Result<File> {
     // A pipe would be waited for.
     let opened = OpenOptions::new().read(true).custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(file)?;

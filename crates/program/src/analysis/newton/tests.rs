@@ -78,12 +78,12 @@ fn a_pendulum_on_a_cart_stands_or_hangs_at_the_angle_that_is_nearest() {
         let angle = end.unknowns[1];
         let turns = (angle / PI).round();
         assert!((angle - turns * PI).abs() < 1e-9 && end.unknowns[4].abs() < 1e-8, "{start:?}: {end:?}");
-        // Near the middle between two of them, either will do.
+        // Near the middle between two of them, either is right.
         if (start[1] / PI - (start[1] / PI).round()).abs() < 0.4 {
             assert_eq!(turns, (start[1] / PI).round(), "{start:?}: {end:?}");
         }
         assert_eq!((end.rank, &*end.can_move), (4, &[true, false, false, false, false][..]));
-        // The position is in no equation: it stays.
+        // The position is in no equation, so it stays.
         assert!((end.unknowns[0] - start[0]).abs() < 1e-12);
         most = most.max(end.steps);
     }
@@ -127,12 +127,12 @@ fn an_unknown_stays_within_its_bounds_and_others_take_its_part() {
     let end = solved(sum, &[bounded(0.0, 1.0), bounded(0.0, 2.0)], &[0.5, 0.5]);
     assert!(!end.is_solution && end.unknowns.as_slice() == [1.0, 2.0], "{end:?}");
     assert!((end.residuals[0] + 3.0).abs() < 1e-12);
-    // A start at or beyond a bound comes back within.
+    // A start at or beyond a bound is moved within.
     for start in [1.0, 7.0] {
         let end = solved(|z| vec![z[0] - 0.25], &[bounded(0.0, 1.0)], &[start]);
         assert!(end.is_solution && (end.unknowns[0] - 0.25).abs() < 1e-9 && end.at_bound == [None], "{end:?}");
     }
-    // One that can take a single value takes it.
+    // An unknown with a single allowed value takes it.
     let end = solved(sum, &[bounded(2.0, 2.0), INPUT], &[0.0, 0.0]);
     assert!(end.is_solution && end.unknowns[0] == 2.0 && (end.unknowns[1] - 4.0).abs() < 1e-9, "{end:?}");
 }
@@ -149,7 +149,7 @@ fn an_input_leaves_its_bound_when_the_step_turns_inward() {
 
 #[test]
 fn rounding_is_no_residual_where_an_equation_has_its_largest_value() {
-    // At its top the second equation has a derivative of zero, and what rounding leaves of it.
+    // At the top, the derivative of the second equation is zero up to rounding.
     let of = |z: &[f64]| vec![z[0], (9.81 * 0.6 / 0.6) * z[0].cos() - 9.81 + 2e-15];
     let end = solved(of, &[ANGLE], &[0.1]);
     assert!(end.is_solution && end.unknowns[0].abs() < 1e-10, "{end:?}");

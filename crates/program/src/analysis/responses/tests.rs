@@ -4,17 +4,17 @@ use super::*;
 use crate::analysis::sampled::{Experiment, Shape};
 use crate::eigenvalues::complex;
 
-/// x' = A x + B u + what is small of second and third order.
+/// x' = A x + B u + small terms of second and third order.
 struct Plant {
     a: DMatrix<f64>,
     b: DMatrix<f64>,
-    /// Factor of what isn't linear, and rows that it acts on.
+    /// Factor of the nonlinear terms, and rows that they act on.
     bent: f64,
     step: f64,
     starts: Vec<usize>,
     /// Rounding of what it shows.
     blur: f64,
-    /// True if a load holds it where it starts.
+    /// True if a load keeps it at its start.
     held: bool,
 }
 
@@ -93,7 +93,8 @@ impl Subject for Plant {
     }
 }
 
-/// A random plant with an unstable eigenvalue, whose fastest is within 2 … 30 rad/s: some mechanical, positions and
+/// A random plant with an unstable eigenvalue, whose fastest is within 2 … 30 rad/s. Some are mechanical, with
+/// positions and velocities, some dense.
 /// velocities, some dense.
 fn random(seed: u64) -> Plant {
     let mut random = fastrand::Rng::with_seed(seed);
@@ -116,7 +117,7 @@ fn random(seed: u64) -> Plant {
     let largest = |a: &DMatrix<f64>| complex(a).unwrap().iter().map(|value| value.norm()).fold(0.0, f64::max);
     let most = |a: &DMatrix<f64>| complex(a).unwrap().iter().map(|value| value.re).fold(f64::MIN, f64::max);
     let wanted = 2.0 * 15.0_f64.powf(normal().abs().min(2.0) / 2.0);
-    // A plant with positions stays one: time runs faster.
+    // Only time is scaled, so that a plant with positions stays one.
     if mechanical {
         let faster = wanted / largest(&a);
         for i in half..n {

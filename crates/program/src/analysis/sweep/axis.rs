@@ -86,13 +86,13 @@ fn between(low: &str, rest: &str) -> Result<(Spacing, Vec<String>), String> {
     Ok((kind, (0..count).map(|k| value(k).to_string()).collect()))
 }
 
-/// A number with twelve digits: what is typed into `run` by hand is the same.
+/// A number with twelve digits, so that typing it into `run` gives the same value.
 fn rounded(value: f64) -> f64 {
     format!("{value:.11e}").parse().unwrap_or(value)
 }
 
 impl Axis {
-    /// Its values as numbers, where all of them are.
+    /// Its values as numbers, if all of them are.
     pub fn numbers(&self) -> Option<Vec<f64>> {
         self.values.iter().map(|value| value.parse().ok().filter(|number: &f64| number.is_finite())).collect()
     }

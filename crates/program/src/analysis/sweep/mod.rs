@@ -17,7 +17,7 @@ use crate::structure::{Settings, Structure};
 
 /// The most runs of a sweep.
 const MOST_RUNS: usize = 100_000;
-/// The curves of so many runs are drawn.
+/// The most runs whose curves are drawn.
 const MOST_DRAWN: usize = 24;
 /// Groups of points in a curve: about two pixels of a diagram each.
 const GROUPS: usize = 300;
@@ -32,7 +32,7 @@ pub struct Sweep {
     axes: Vec<Axis>,
     places: Vec<Place>,
     values: Vec<Vec<Value>>,
-    /// Labels of all metrics that there may be: the loop's own, then those of steps.
+    /// Labels of all possible metrics: the loop's own, then those of steps.
     labels: Vec<String>,
     /// One a thread: other tools' libraries may not allow two instances at work at a time.
     loops: Vec<LoadedLoop>,
@@ -43,9 +43,9 @@ pub struct Sweep {
 pub struct Point {
     /// Reason why it ended early; none if it is complete.
     pub failure: Option<String>,
-    /// The metrics, in the order of their labels; none of one that failed.
+    /// The metrics, in the order of their labels; none of a failed run.
     pub metrics: Vec<Option<f64>>,
-    /// Curves of the signals that are drawn; none of most points of a large sweep.
+    /// Curves of the signals that are drawn; none for most points of a large sweep.
     pub curves: Vec<Vec<(f64, Option<f64>)>>,
 }
 
@@ -57,11 +57,12 @@ impl Point {
 }
 
 impl Sweep {
-    /// A sweep of a loop that was loaded so often as loops may run at a time. Names may lack the unit where only one has such
-    /// a parameter.
+    /// A sweep of a loop with one copy for each parallel run. Names may lack the component if only one has such a
+    /// parameter.
     ///
     /// # Errors
-    /// When a parameter isn't there, is named twice or can't be set, a value isn't allowed, or there are too many runs.
+    /// When a parameter doesn't exist, is named twice or can't be set, a value isn't allowed, or there are too many
+    /// runs.
     pub fn new(
         structure: Structure,
         settings: Settings,
@@ -138,7 +139,7 @@ impl Sweep {
         names
     }
 
-    /// The unit of measurement of a variable; empty where it has none.
+    /// The unit of measurement of a variable; empty if it has none.
     fn unit(&self, name: &str) -> String {
         let variable = self.loops.first().and_then(|loaded| loaded.variable(name));
         variable.and_then(|(_, variable)| variable.unit.clone()).unwrap_or_default()
@@ -149,7 +150,7 @@ impl Sweep {
         labelled(name, Some(self.unit(name)).filter(|unit| unit != "1").as_deref().unwrap_or_default())
     }
 
-    /// True if the curves of a run are drawn: of all runs, or of some at equal distances.
+    /// True if the curves of a run are drawn: those of all runs, or of some at equal distances.
     pub fn is_drawn(&self, run: usize) -> bool {
         let last = self.runs() - 1;
         last < MOST_DRAWN || (0..MOST_DRAWN).any(|k| (k * last + (MOST_DRAWN - 1) / 2) / (MOST_DRAWN - 1) == run)

@@ -18,7 +18,7 @@ const STYLE: &str = "
   .map .over { font-weight: bold; text-decoration: underline; }
   .ramp { display: inline-block; width: 12em; height: 0.8em; vertical-align: middle; margin: 0 0.5em; }
 ";
-/// Rows of the table beyond these are in the CSV only.
+/// The most rows of the table; further ones are in the CSV only.
 const MOST_ROWS: usize = 1000;
 
 /// The page of a sweep.
@@ -26,7 +26,7 @@ const MOST_ROWS: usize = 1000;
 pub struct SweepPage<'a> {
     /// The sweep.
     pub sweep: &'a Sweep,
-    /// Its runs; none of those that were not made.
+    /// Its runs; none for those that were not made.
     pub points: &'a [Option<Point>],
     /// Name of the table in the same folder.
     pub table: &'a str,
@@ -103,7 +103,7 @@ impl SweepPage<'_> {
         Some(format!("<h2>{}</h2>\n<p>No run has a value of this metric: {reason}.</p>\n", escaped(label)))
     }
 
-    /// A metric over two parameters: numbers on colours, the smallest the darkest.
+    /// A metric over two parameters: numbers on colours, the smallest is the darkest.
     fn map(&self, down: &Axis, across: &Axis, metric: usize, label: &str) -> String {
         if let Some(nothing) = self.unmeasured(metric, label) {
             return nothing;
@@ -234,7 +234,7 @@ impl SweepPage<'_> {
     }
 }
 
-/// A value as a reader wants it: a number with seven digits.
+/// A value for readers: a number has seven digits.
 fn shown(value: &str) -> String {
     value.parse().map_or_else(|_| value.to_owned(), number)
 }

@@ -1,4 +1,4 @@
-//! The message where no operating point was found: residuals that remain, and what could be changed.
+//! Message if no operating point was found: remaining residuals, and possible changes.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,16 +12,16 @@ use crate::report::number;
 
 /// The most residuals that a message lists.
 const MOST: usize = 3;
-/// A relative residual remains above this, and above the next part of the largest one.
+/// Relative residual above which an equation is not solved, and the same relative to the largest residual.
 const REMAINS: f64 = 1e-10;
 const PART_OF_LARGEST: f64 = 1e-4;
-/// An input lessens the residuals if the cosine between these and its effects is above this.
+/// Cosine between the residuals and the effects of an input above which the input lessens them.
 const NO_EFFECT: f64 = 1e-3;
 
 /// The message about the end of a search.
 ///
 /// # Errors
-/// When the unit refuses to go back there.
+/// When the FMU refuses to return to that point.
 pub(super) fn told(bound: &mut Bound, plan: &Plan, point: &OperatingPoint, end: &End) -> Result<String, Error> {
     bound.set(&end.unknowns)?;
     let others: Vec<_> = plan.inputs.iter().filter(|input| !point.free.contains(&input.name)).copied().collect();
@@ -40,7 +40,7 @@ pub(super) fn told(bound: &mut Bound, plan: &Plan, point: &OperatingPoint, end: 
     Ok(parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(". "))
 }
 
-/// The equations that don't hold, the worst first; the worst derivative is among the first, if one isn't zero.
+/// The unsolved equations, the worst first; a nonzero worst derivative is among the first.
 fn remaining(bound: &Bound, end: &End) -> Vec<usize> {
     let relative = |row: usize| end.relative[row].abs();
     let least = REMAINS.max(PART_OF_LARGEST * end.relative.amax());
@@ -64,7 +64,7 @@ fn searched(point: &OperatingPoint, end: &End) -> String {
     format!("no {what} was found from the start values{starts}. After {} Newton steps", end.steps)
 }
 
-/// A variable, its value and the one that it should have.
+/// A variable, its value and its wanted value.
 fn residual(bound: &Bound, end: &End, row: usize) -> String {
     let (variable, target) = (bound.aim.equations()[row], bound.aim.targets[row]);
     let unit = variable.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
