@@ -1,4 +1,4 @@
-//! Numbers as texts where there are many of them: those of the standard library, by the digits of `zmij`, in half the time.
+//! Numbers as texts, for large files: the texts of the standard library, by the digits of `zmij`, in half the time.
 
 use std::fmt::Write;
 

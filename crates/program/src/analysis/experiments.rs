@@ -1,5 +1,4 @@
-//! Experiments with an FMU in co-simulation: its responses to small changes of an input, or of the start value of a
-//! state.
+//! Experiments with an FMU in co-simulation: responses to small changes of an input, or of a state's start value.
 
 use std::sync::Arc;
 
@@ -29,8 +28,8 @@ pub(super) trait Subject {
     fn step(&self) -> f64;
     /// The states whose start values can be set.
     fn starts(&self) -> Vec<usize>;
-    /// Makes an experiment with a part of the usual change, over `steps` communication steps. An input returns after
-    /// half of them.
+    /// An experiment with a part of the usual change, over `steps` communication steps: an input returns after half of
+    /// them.
     fn experiment(&self, moved: Moved, part: f64, steps: usize) -> Result<Experiment, Error>;
 }
 

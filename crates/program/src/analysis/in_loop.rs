@@ -1,5 +1,4 @@
-//! A controller in its loop, as a target runs it: the Runge-Kutta steps that it needs in a period, and its input
-//! signals.
+//! A controller in its loop, as a target runs it: the Runge-Kutta steps that it needs in a period, and its inputs.
 
 use std::sync::Arc;
 

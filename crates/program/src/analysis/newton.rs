@@ -207,8 +207,7 @@ impl<'a, E: Equations> Search<'a, E> {
         Ok(Local { unknowns, values, residuals, jacobian, columns, rows })
     }
 
-    /// Unknowns along the step that lessen the residuals, with these: after the whole step, otherwise after a part of
-    /// it.
+    /// Unknowns along the step that lessen the residuals, with these: after the whole step, or a part of it.
     fn along(&mut self, local: &Local) -> Result<Option<Next>, E::Error> {
         let step = local.step();
         let longest = local.part(&step);

@@ -249,8 +249,7 @@ fn eigenvalues_apart(one: &DMatrix<f64>, other: &DMatrix<f64>, entry: f64) -> f6
     relative(apart, largest)
 }
 
-/// Solves for the matrix whose product with each row of `known` is the row of `wanted`; returns the condition number,
-/// too.
+/// The matrix whose product with each row of `known` is the row of `wanted`, and the condition number.
 fn solved(known: &DMatrix<f64>, wanted: &DMatrix<f64>) -> Result<(DMatrix<f64>, f64), Unfit> {
     // Sizes of signals may differ by far.
     let sizes = DVector::from_fn(known.ncols(), |column, _| known.column(column).amax().max(f64::MIN_POSITIVE));

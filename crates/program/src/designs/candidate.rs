@@ -1,4 +1,4 @@
-//! Candidates: a controller of each kind for a plant, as fast as it is asked to be, and what its loop does.
+//! Candidates: a controller of each kind for a plant, as fast as it should be, and the results of its loop.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -29,28 +29,29 @@ const OBSERVER: &str = "Observer";
 const NOMINAL: &str = "Nominal loop";
 const UNCERTAIN: &str = "Uncertain plants";
 const SETTLING: &str = "settling time";
-/// Bandwidths that are tried for a settling time: from `FIRST`/T on, each by `FACTOR` larger.
+/// Bandwidths for a settling time: the first is `FIRST`/T, each further one is larger by `FACTOR`.
 const FIRST: f64 = 4.0;
 const STEPS: i32 = 24;
-/// A loop is run for so many of its settling times, or of 1/W where none is known.
+/// Duration of a run in settling times, or in 1/W if none is known.
 const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
-/// The runs of a candidate may take so long: an adaptation that is a thousand times faster than its loop takes minutes.
+/// Longest computation of a candidate's runs: an adaptation that is a thousand times faster than its loop takes
+/// minutes.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// And at most for so many of the settling times that were asked for; a loop that is slower isn't run.
+/// Longest run in the settling times that were asked for; a slower loop isn't run.
 const MOST: f64 = 30.0;
 
 /// A kind of controller, or of a controller with an observer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Kind {
-    /// The name of its kind, with `observer-` before it where it has one.
+    /// The name of its kind, after `observer-` if it has one.
     pub name: String,
     controller: &'static str,
     observer: Option<&'static str>,
 }
 
 impl Kind {
-    /// All that may be proposed for a plant of which all states are measured or not.
+    /// All kinds for a plant whose states are all measured, or not.
     pub fn all() -> Vec<Self> {
         let of = |needed: Needs| {
             let entries = library::begun().filter(move |entry| entry.template.and_then(|t| t.needs) == Some(needed));
@@ -80,15 +81,15 @@ impl Kind {
 /// Plant and purpose of a controller.
 #[derive(Debug, Clone)]
 pub struct Task {
-    /// The nominal plant; its outputs are those that are to follow.
+    /// The nominal plant; its outputs are the controlled ones.
     pub plant: Plant,
-    /// True if all states are measured, else only the outputs.
+    /// True if all states are measured, otherwise only the outputs.
     pub measures_states: bool,
     /// Settling time of the nominal loop to 2 %, s.
     pub settling_time: Option<f64>,
-    /// Bandwidth, in place of one that follows from the settling time, rad/s.
+    /// Bandwidth, rad/s [default: from the settling time].
     pub bandwidth: Option<f64>,
-    /// Uncertainty of each entry of A and B, as a part of it; `None` is that of the plant's records.
+    /// Uncertainty of each entry of A and B, in parts of it; `None` is that of the plant's records.
     pub uncertainty: Option<f64>,
     /// Usual magnitude of the reference of each output.
     pub references: Vec<f64>,
@@ -96,7 +97,7 @@ pub struct Task {
     pub noise: Vec<Noise>,
 }
 
-/// A controller, or why there is none.
+/// A controller, or the reason why there is none.
 #[derive(Debug)]
 pub struct Candidate {
     /// Its kind.
@@ -105,13 +106,13 @@ pub struct Candidate {
     pub outcome: Result<Design, String>,
 }
 
-/// The results of runs of a loop, or why they failed.
+/// The results of runs of a loop, or the reason why they failed.
 pub type Ran = Result<(Followed, Course), String>;
 
 /// A controller for the plant of a task.
 #[derive(Debug)]
 pub struct Design {
-    /// Descriptions of its units, by the names of their FMUs.
+    /// Descriptions of its FMUs, by their names.
     pub texts: Vec<(String, String)>,
     /// Bandwidth that was asked for, rad/s.
     pub bandwidth: f64,
@@ -127,7 +128,7 @@ pub struct Design {
     pub nominal: Ran,
     /// Results with the plants within the uncertainty that are worst for it.
     pub corners: Vec<(WorstPlant, Ran)>,
-    /// Standard deviation of each control at rest, where what is measured has noise.
+    /// Standard deviation of each control at rest, if measurements have noise.
     pub noise: Option<Vec<f64>>,
 }
 
@@ -139,7 +140,7 @@ struct Begun {
     operations: usize,
 }
 
-/// A controller that was tried, with its observer where it has one.
+/// A controller that was tried, with its observer if it has one.
 struct Attempt {
     controller: Begun,
     observer: Option<Begun>,
@@ -148,7 +149,7 @@ struct Attempt {
 }
 
 impl Task {
-    /// The task with names for the plant's signals that all FMUs of its loop can have, and a note where some are others.
+    /// The task with signal names that all FMUs of its loop can have, and a note if some differ from the plant's.
     #[must_use]
     pub fn with_names(self) -> (Self, Option<String>) {
         let request = Request {
@@ -168,7 +169,7 @@ impl Task {
         }
     }
 
-    /// The candidate of a kind; its loops are made ready in a folder.
+    /// The candidate of a kind; the files of its loops are written into a folder.
     pub fn candidate(&self, kind: &Kind, folder: &Path, units: &Ready) -> Candidate {
         let outcome = self.check(kind).and_then(|()| self.design(kind, &folder.join(kind.unit()), units));
         Candidate { kind: kind.clone(), outcome: outcome.map_err(|reason| reason.to_string()) }
@@ -178,7 +179,7 @@ impl Task {
         let refuse = |what: &str| Err(Error::Argument(Invalid::because(format!("needs {what}, which isn't measured"))));
         match kind.needs() {
             Needs::States if !self.measures_states => refuse("every state of the plant"),
-            // CB is regular where no derivative is needed.
+            // CB is regular if no derivative is needed.
             Needs::Derivatives if !self.measures_states && !self.is_of_degree_1() => {
                 refuse("derivatives of the outputs, or every state of the plant")
             }
@@ -218,7 +219,7 @@ impl Task {
         Ok(Attempt { controller, observer, bandwidth })
     }
 
-    /// The first controller whose nominal loop has settled in the time that is asked for, else the fastest.
+    /// The first controller whose nominal loop settles in the time that is asked for, otherwise the fastest.
     fn fast_enough(
         &self,
         kind: &Kind,
@@ -242,7 +243,7 @@ impl Task {
             if is_faster {
                 fastest = Some((settles, attempt));
             }
-            // A law whose margins end its speed has the same design for any further bandwidth.
+            // If margins limit the speed of a controller, any larger bandwidth gives the same design.
             if settles == last {
                 break;
             }
@@ -273,7 +274,7 @@ impl Task {
         Ok(Trial::new(&written, attempt.step(), &self.plant, &self.references, units)?.within(PATIENCE))
     }
 
-    /// Standard deviations of the controls at rest, where there is noise.
+    /// Standard deviations of the controls at rest, if there is noise.
     fn noise(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Option<Vec<f64>>, Error> {
         if self.noise.is_empty() {
             return Ok(None);
@@ -284,7 +285,7 @@ impl Task {
         Ok(Some(trial.at_rest(USUAL / attempt.bandwidth)?.deviations()))
     }
 
-    /// A controller of a kind that is fast enough, with what its loop does.
+    /// A controller of a kind that is fast enough, with the results of its loop.
     fn design(&self, kind: &Kind, folder: &Path, units: &Ready) -> Result<Design, Error> {
         let settling = |attempt: &Attempt| {
             if let Some(time) = found(&attempt.controller.report, NOMINAL, SETTLING) {
@@ -304,7 +305,7 @@ impl Task {
         let longest = settles.map_or(USUAL / attempt.bandwidth, |time| LONGER * time);
         let asked = self.settling_time.unwrap_or(FIRST / attempt.bandwidth);
         let duration = longest.min(MOST * asked);
-        // A loop that is cut off looks as if it rested where it is then.
+        // A loop that is cut off would seem to be at rest there.
         let too_slow =
             settles.filter(|&time| time > duration).map(|time| format!("settles in {} s", number(three_digits(time))));
         let ran = |other: Option<&WorstPlant>| match &too_slow {

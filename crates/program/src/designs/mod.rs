@@ -24,12 +24,12 @@ use written::Written;
 
 /// The loop's folder, below that of the candidates.
 const LOOP: &str = "loop";
-/// The reference of the loop that is left steps after so many settling times, and it runs for so many more.
+/// Settling times before the reference steps in the loop that is written, and after it.
 const BEFORE: f64 = 0.5;
 const AFTER: f64 = 3.0;
 
-/// The files that are left: a description of each candidate, and the loop of one of them, by their paths in the folder; its
-/// loop is called by a name.
+/// Writes a description of each candidate, and the loop of one of them. Returns their paths in the folder, and the name
+/// of the loop.
 ///
 /// # Errors
 /// When the loop can't be closed.

@@ -88,7 +88,8 @@ fn push_table(page: &mut String, task: &Task, candidates: &[Candidate], order: &
     );
 }
 
-/// The figures of a candidate in words: settling time and overshoot with the nominal and with the worst plant, peaks and noise of the
+/// The figures of a candidate in words: settling time and overshoot with the nominal and with the worst plant, peaks
+/// and noise of the controls, margins, operations.
 /// controls, margins, operations.
 pub fn figures(task: &Task, design: &Design) -> [String; 8] {
     let rounded = |value: f64| number(three_digits(value));

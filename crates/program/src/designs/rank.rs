@@ -6,12 +6,12 @@ use crate::report::number;
 use crate::system::NO_LIMIT;
 use crate::template::three_digits;
 
-/// The worst corner may settle in so many of the times that are asked for.
+/// Longest settling time of the worst corner, in parts of the time that is asked for.
 const LATER: f64 = 1.5;
-/// An output that ends farther from its reference than this part of it isn't controlled.
+/// Largest steady-state error of an output that counts as controlled, in parts of its reference.
 const FAR: f64 = 0.05;
 
-/// A lack of a sound candidate with the worst plant, in words; nothing where it does what was asked for.
+/// Deficiency of a sound candidate with the worst plant, in words; none if it is as asked for.
 pub fn shortfall(task: &Task, design: &Design) -> Option<String> {
     let worst = design.worst()?;
     if !is_near(&worst) {
@@ -31,9 +31,10 @@ fn is_in_time(task: &Task, worst: &Followed) -> bool {
     worst.settling.is_some_and(settles)
 }
 
-/// The numbers of the candidates, the recommended one first: sound ones, of these those whose outputs end within 5 % of their
-/// references with the worst corner, of these those that settle within 1.5 of the time that is asked for then, of these the one with
-/// the smallest peak of the controls then, in parts of their limits or of the largest peak of any candidate.
+/// The numbers of the candidates, the recommended one first. Sound ones precede others. Among these, the first are
+/// those with outputs within 5 % of their references with the worst corner, then those that settle within 1.5 of the
+/// time asked for. Ties are decided by the smallest peak of the controls, in parts of their limits or of the largest
+/// peak of any candidate.
 pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
     let worst: Vec<_> =
         candidates.iter().map(|one| one.outcome.as_ref().ok().and_then(|design| design.worst())).collect();

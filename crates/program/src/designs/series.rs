@@ -18,9 +18,9 @@ pub struct Course {
 pub struct Followed {
     /// Settling time of all outputs to within 2 % of the step about their ends, s; `None` if one doesn't settle.
     pub settling: Option<f64>,
-    /// Distance that the output goes beyond its reference, in parts of the step.
+    /// Overshoot beyond the reference, in parts of the step.
     pub overshoot: f64,
-    /// Distance of its end from the reference, in parts of the step.
+    /// Steady-state error, in parts of the step.
     pub off: f64,
     /// The largest size of each control.
     pub peaks: Vec<f64>,
@@ -35,7 +35,7 @@ impl Course {
     /// The course from a communication point on, whose time counts as 0 s.
     #[must_use]
     pub fn from(mut self, time: f64) -> Self {
-        // Times are multiples of the step, but for rounding.
+        // Times are multiples of the step up to rounding.
         let first = self.times.partition_point(|&other| other < time * (1.0 - 1e-9));
         self.times.drain(..first);
         self.times.iter_mut().for_each(|other| *other -= time);
@@ -101,7 +101,7 @@ mod tests {
         assert!((followed.settling.unwrap() - 50_f64.ln()).abs() < 0.01, "{followed:?}");
         assert_eq!((followed.overshoot, followed.peaks.as_slice()), (0.0, &[3.0][..]));
         assert!(followed.off < 1e-4);
-        // Of a step to 1 it ends at twice that.
+        // Relative to a step to 1, it ends at twice that.
         let followed = lag().followed(0, &[1.0]);
         assert!((followed.overshoot - 1.0).abs() < 1e-3 && (followed.off - 1.0).abs() < 1e-3);
     }

@@ -1,4 +1,4 @@
-//! The loop of a candidate and a linear plant, as FMUs that are stepped one after the other.
+//! The loop of a candidate and a linear plant, as FMUs that are stepped in turn.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -16,21 +16,21 @@ use crate::template::Plant;
 /// Names in the loop.
 const PLANT: &str = "plant";
 const REFERENCE: &str = "reference";
-/// A loop of so many communication points isn't run: it would take minutes.
+/// The most communication points of a run: a longer one would take minutes.
 const MOST_POINTS: f64 = 2e6;
-/// A run that goes so far beyond the reference is ended.
+/// A run ends when its output exceeds the reference by this factor.
 const LOST: f64 = 1e6;
 
-/// Noise of a measured signal, or of all.
+/// Noise of one measured signal, or of all.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noise {
-    /// The output or state of the plant; all where there is none.
+    /// The output or state of the plant; all if there is none.
     pub signal: Option<String>,
     /// Standard deviation, at each communication step.
     pub deviation: f64,
 }
 
-/// True if an output of the plant is that of a name: one that is called like a state has another name.
+/// True if an output of the plant has this name: one that is called like a state has another name.
 fn is_of(output: &str, name: &str) -> bool {
     output.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest == "_output")
 }
@@ -43,7 +43,7 @@ fn wishes(step: f64) -> Wishes {
 #[derive(Debug)]
 pub struct Trial {
     loaded: LoadedLoop,
-    /// Time that its runs may still take; any where there is no limit.
+    /// Time that is left for its runs; none is unlimited.
     left: Option<Mutex<Duration>>,
     /// Communication step, s.
     pub step: f64,
@@ -64,10 +64,10 @@ impl Trial {
         Self::of_structure(written.structure(wishes(step))?.0, plant, sizes, units)
     }
 
-    /// The same with sensors between the plant and what measures it.
+    /// The same with sensors between the plant and the components that measure it.
     ///
     /// # Errors
-    /// When it can't be closed, or what has noise isn't measured.
+    /// When it can't be closed, or no component measures the signal with noise.
     pub fn with_noise(
         (written, step): (&Written, f64),
         plant: &Plant,
@@ -116,7 +116,7 @@ impl Trial {
         Ok(Trial { loaded, left: None, step, noise, sizes: sizes.to_vec(), outputs, controls })
     }
 
-    /// The same, all runs of which together may take so long.
+    /// The same, with a limit of the time of all runs together.
     #[must_use]
     pub(super) fn within(self, limit: Duration) -> Self {
         Trial { left: Some(Mutex::new(limit)), ..self }
@@ -163,10 +163,11 @@ impl Trial {
         own.filter_map(|name| Some((self.place(&name)?, 0.0))).collect()
     }
 
-    /// The course of the loop with a plant, the nominal one unless another is given, from where the reference of output `i` steps.
+    /// Simulates the loop with a plant, the nominal one by default. The course starts where the reference of output `i`
+    /// steps.
     ///
     /// # Errors
-    /// When a unit fails, or what moves grows without bound.
+    /// When a component fails, or a signal grows without bound.
     pub fn course(&self, i: usize, other: Option<&WorstPlant>, duration: f64) -> Result<Course, Error> {
         let start = other.map(|other| self.of_plant(other)).unwrap_or_default();
         let step_time = self.step_time();
@@ -174,10 +175,10 @@ impl Trial {
         Ok(course.from(step_time))
     }
 
-    /// The same with the nominal plant, while no reference moves.
+    /// The same with the nominal plant and constant references.
     ///
     /// # Errors
-    /// When a unit fails.
+    /// When a component fails.
     pub fn at_rest(&self, duration: f64) -> Result<Course, Error> {
         self.run(self.of_reference(None), duration)
     }
@@ -191,7 +192,7 @@ impl Trial {
         self.left.as_ref().map(|left| *left.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// True if a run of this duration, s, hasn't too many communication points.
+    /// True if a run of this duration, s, doesn't have too many communication points.
     pub(super) fn is_short(&self, duration: f64) -> bool {
         duration / self.step <= MOST_POINTS
     }
@@ -238,7 +239,7 @@ impl Trial {
     /// The worst of the steps of all references, and the course of the first.
     ///
     /// # Errors
-    /// When a unit fails.
+    /// When a component fails.
     pub fn steps(&self, other: Option<&WorstPlant>, duration: f64) -> Result<(Followed, Course), Error> {
         let first = self.course(0, other, duration)?;
         let mut worst = first.followed(0, &self.sizes);

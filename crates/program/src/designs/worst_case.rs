@@ -1,4 +1,4 @@
-//! The worst plant within the uncertainty of a description, searched for with runs of its loop as FMUs.
+//! The worst plant within the uncertainty of a description, from a search with runs of its loop as FMUs.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use std::path::Path;
@@ -25,9 +25,9 @@ use crate::workers::{employed, results};
 
 /// Particles of the swarm.
 const PARTICLES: usize = 24;
-/// A loop is run for so long, in 1/W.
+/// Duration of a run, in 1/W.
 const DURATION: f64 = 20.0;
-/// Runs that nobody asked for may take so long.
+/// Longest computation of runs that nobody asked for.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The result of a search.
@@ -35,7 +35,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub struct WorstCase {
     /// The plant.
     pub plant: WorstPlant,
-    /// Steps of its loop, or why it fails.
+    /// Steps of its loop, or the reason why it fails.
     pub followed: Result<Followed, String>,
     /// Number of plants that were tried.
     pub tried: usize,
@@ -54,7 +54,7 @@ pub struct Steps {
     pub has_others: bool,
 }
 
-/// The loop of a description, to be run with plants within the bounds of `[nominal]`.
+/// The loop of a description, for runs with plants within the bounds of `[nominal]`.
 #[derive(Debug)]
 pub struct Cases {
     nominal: NominalPlant,
@@ -80,7 +80,8 @@ impl Cases {
         Ok(Cases { nominal, bounds, trial, duration, _scratch: scratch })
     }
 
-    /// The integral of the squared error of steps of the references with a plant; 0 is the nominal one, −1 and 1 are bounds.
+    /// The integral of the squared error of steps of the references with a plant; 0 is the nominal one, −1 and 1 are
+    /// bounds.
     ///
     /// # Errors
     /// Why its loop fails.
@@ -89,7 +90,7 @@ impl Cases {
         found.map_err(|error| error.to_string())
     }
 
-    /// The same of many, on all threads or by the workers of the command; fewer where the command is to stop.
+    /// The same for many plants, on all threads or by the workers of the command; fewer if the command should stop.
     fn squared_errors(&self, places: &[&[f64]]) -> Vec<Result<f64, String>> {
         if let Some(workers) = employed() {
             return results(&*workers, places, |_| ()).into_iter().map_while(|value| value).collect();
@@ -103,8 +104,8 @@ impl Cases {
         WorstCase { plant, followed: followed.map_err(|error| error.to_string()), tried }
     }
 
-    /// Searches for some time, by a particle swarm, for the plant with the largest integral of the squared error of steps of the
-    /// references; one whose loop fails ends the search.
+    /// Searches for some time, by a particle swarm, for the plant with the largest integral of the squared error of
+    /// steps of the references. A plant whose loop fails ends the search.
     ///
     /// # Errors
     /// When the loop fails with the nominal plant.
@@ -112,7 +113,7 @@ impl Cases {
         let count = self.bounds.dimensions();
         let mut swarm =
             Swarm::new(PARTICLES, vec![(-1.0, 1.0); count], Some(vec![0.0; count]), Motion::default(), seed);
-        // What fails with the nominal plant isn't a plant's fault.
+        // A loop that fails with the nominal plant doesn't fail because of the plant.
         self.trial.course(0, None, self.duration)?;
         let (begun, mut tried) = (Instant::now(), 0);
         loop {
@@ -136,8 +137,8 @@ impl Cases {
     }
 }
 
-/// Steps of the references in the loop of a description and its nominal plant, by runs of the FMUs: with the limits of the
-/// control and its communication step. `None` where they take too long.
+/// Steps of the references in the loop of a description and its nominal plant, from runs of the FMUs with the limits of
+/// the control and its communication step. `None` if they take too long.
 ///
 /// # Errors
 /// When the description has no nominal plant, its loop can't be closed by the names of its signals, or a run fails.
@@ -164,7 +165,7 @@ fn nominal_of(source: &Source) -> Result<(Description, NominalPlant), Error> {
     Ok((description, nominal))
 }
 
-/// The bounds of the uncertain entries; `None` where nothing is uncertain.
+/// The bounds of the uncertain entries; `None` if nothing is uncertain.
 fn bounds(NominalPlant { A, B, uncertainty, .. }: &NominalPlant) -> Option<Bounds> {
     let bounds = Assumed::new(A, B, uncertainty).bounds;
     (bounds.dimensions() > 0).then_some(bounds)
@@ -177,8 +178,8 @@ fn plant_at(nominal: &NominalPlant, bounds: &Bounds, position: &[f64]) -> WorstP
     WorstPlant { respects: vec!["squared error".to_owned()], A, B }
 }
 
-/// The loop of a description with its nominal plant, whose signals have the names that the controller's have; the controls with
-/// the larger of their limits.
+/// The loop of a description with its nominal plant, whose signals have the names of the controller's. Returns the
+/// controls with the larger of their limits, too.
 fn closed(
     description: &Description,
     source: &Source,

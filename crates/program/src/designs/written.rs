@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::error::Error;
 use crate::structure::{Draft, Found, LoopFiles, STRUCTURE, Structure, Wishes};
 
-/// Files of a loop: descriptions of its units.
+/// Files of a loop: descriptions of its FMUs.
 #[derive(Debug, Clone)]
 pub(super) struct Written {
     folder: PathBuf,
@@ -13,7 +13,7 @@ pub(super) struct Written {
 }
 
 impl Written {
-    /// Writes descriptions, by the names of their FMUs, into a folder that is made.
+    /// Writes descriptions, by the names of their FMUs, into a new folder.
     ///
     /// # Errors
     /// When the files can't be written.
@@ -36,7 +36,7 @@ impl Written {
         self
     }
 
-    /// The loop that they make by the names of their signals, and its text.
+    /// The loop that results from the names of their signals, and its text.
     ///
     /// # Errors
     /// When they can't be connected.

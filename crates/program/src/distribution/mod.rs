@@ -29,18 +29,18 @@ const TEXTS: [&str; 8] = [
 ];
 /// Files that build a site of `docs`. They are left out, as the archive lacks the rest of the site.
 const SITE: [&str; 2] = ["docs/requirements.txt", "docs/serve"];
-/// The licences of what the program and its libraries are linked of, on all platforms.
+/// The licences of all crates in the program and its libraries, on all platforms.
 const LICENCES: &str = "packaging/LICENCES.txt";
 
 /// Files of an archive: paths there, and bytes.
 type Files = BTreeMap<String, Vec<u8>>;
 
-/// Writes an archive for a platform into a folder; its path. `shell` are manual pages and completions by their places below
-/// `share`.
+/// Writes an archive for a platform into a folder, and returns its path. `shell` has manual pages and completions by
+/// their places below `share`.
 ///
 /// # Errors
-/// When the source folder, which the documentation and cargo's list of licences come from, isn't there, or files can't
-/// be read or written.
+/// When the source folder with the documentation and cargo's list of licences doesn't exist, or files can't be read or
+/// written.
 pub fn write(
     program: &Binary,
     library: &Library,

@@ -13,7 +13,7 @@ use crate::exporter::{self, Binary, Glibc, LIBRARIES, Library, Platform, SHARED}
 
 const PROJECT: &str = "pyproject.toml";
 const PACKAGE: &str = "python/adaptive_fmu";
-/// The oldest macOS that Rust's programs run on, by processor.
+/// The oldest macOS on which Rust's programs run, by processor.
 const MACOS: [(&str, &str); 2] = [("x86_64", "macosx_10_12_x86_64"), ("aarch64", "macosx_11_0_arm64")];
 
 #[derive(Deserialize)]
@@ -35,11 +35,11 @@ struct Project {
     optional_dependencies: toml::Table,
 }
 
-/// Writes the wheel of a platform into a folder; its path. `shell` are manual pages and completions by their places below
-/// `share`, which pip puts into the environment.
+/// Writes the wheel of a platform into a folder, and returns its path. `shell` has manual pages and completions by
+/// their places below `share`, which pip puts into the environment.
 ///
 /// # Errors
-/// When the source folder isn't there, the platform is one that pip has no name for, or files can't be read or written.
+/// When the source folder doesn't exist, pip has no name for the platform, or files can't be read or written.
 pub fn write(
     program: &Binary,
     library: &Library,

@@ -1,4 +1,4 @@
-//! Charts of many runs as pictures that need no script: metrics over a parameter, and families of curves.
+//! Charts of many runs that need no script: metrics over a parameter, and families of curves.
 
 use std::fmt::Write;
 
@@ -88,7 +88,7 @@ pub const CHARTS: &str = "
 ";
 
 impl Chart<'_> {
-    /// The picture, with its title above it.
+    /// The chart, with its title above it.
     pub fn svg(&self) -> String {
         format!("<h2>{}</h2>\n{}", escaped(self.title), self.drawing())
     }

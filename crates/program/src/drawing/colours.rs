@@ -7,7 +7,7 @@ pub const LIMIT: &str = "rgb(213, 94, 0)";
 pub const BESIDE: &str = "rgb(60, 60, 60)";
 /// The colours at the beginning, in the middle and at the end.
 const RAMP: [[f64; 3]; 3] = [[8.0, 48.0, 107.0], [122.0, 132.0, 140.0], [240.0, 173.0, 20.0]];
-/// Below this lightness, text on a colour is white.
+/// Lightness of a colour below which text on it is white.
 const DARK: f64 = 0.52;
 
 /// The colour at a place from 0 to 1.
@@ -28,7 +28,7 @@ fn mixed(place: f64) -> [f64; 3] {
     [0, 1, 2].map(|k| low[k] + part * (high[k] - low[k]))
 }
 
-/// About how light a colour looks, from 0 to 1.
+/// Approximate lightness of a colour, from 0 to 1.
 fn lightness([r, g, b]: [f64; 3]) -> f64 {
     (0.299 * r + 0.587 * g + 0.114 * b) / 255.0
 }

@@ -7,7 +7,7 @@ mod pictures;
 pub(crate) use chart::{CHARTS, Chart, Line};
 pub use pictures::{KEY, push_pictures};
 
-/// Text that is no markup in HTML.
+/// Escapes text for HTML.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

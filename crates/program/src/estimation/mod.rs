@@ -1,4 +1,4 @@
-//! Parameters of an FMU from records: those with which its simulated outputs are likeliest.
+//! Maximum-likelihood parameters of an FMU from records of its outputs.
 
 mod objective;
 mod result;
@@ -28,9 +28,9 @@ const STEPS: usize = 40;
 pub struct Sought {
     /// Name of a parameter or a start value of the FMU.
     pub name: String,
-    /// Smallest and largest value, where they are given.
+    /// Smallest and largest value, if they are given.
     pub range: Option<[f64; 2]>,
-    /// True if each record has its own value, as an initial state has.
+    /// True if each record has its own value, like an initial state.
     pub is_of_record: bool,
 }
 
@@ -41,11 +41,11 @@ pub struct Recorded {
     pub name: String,
     /// Inputs over time.
     pub inputs: Inputs,
-    /// Measured values of each output at these times; NaN where there are none.
+    /// Measured values of each output at these times; NaN for missing ones.
     pub outputs: Vec<Vec<f64>>,
 }
 
-/// An FMU, records, and what is sought.
+/// An FMU, records, and the quantities to estimate.
 #[derive(Debug)]
 pub struct Task<'a> {
     /// The plant.
@@ -64,7 +64,7 @@ pub struct Task<'a> {
     pub has_offsets: bool,
 }
 
-/// A number that is sought: a parameter, of one record or of all.
+/// A quantity to estimate: a parameter, of one record or of all.
 #[derive(Debug, Clone, PartialEq)]
 struct Unknown {
     name: String,
@@ -76,15 +76,15 @@ struct Unknown {
 }
 
 impl Task<'_> {
-    /// The likeliest values.
+    /// Estimates the likeliest values.
     ///
     /// # Errors
-    /// Names that the FMU lacks, start values outside of ranges, or runs that fail.
+    /// Names that the FMU lacks, start values outside of their ranges, or runs that fail.
     pub fn run(&self) -> Result<Found, Error> {
         let unknowns = self.unknowns()?;
         let simulated = Simulated::new(self, unknowns)?;
         let start = vec![0.0; simulated.unknowns.len()];
-        // What fails at the start has a reason of its own.
+        // A failure at the start has its own reason.
         simulated.outputs_at(&start)?;
         let refuse = || {
             Error::Argument(Invalid::because("no parameters follow the records: give other start values, or ranges"))
@@ -93,10 +93,10 @@ impl Task<'_> {
         simulated.found(&fit).ok_or_else(refuse)
     }
 
-    /// Carries out a job of a search of another process.
+    /// Does a job of a search of another process.
     ///
     /// # Errors
-    /// Names that the FMU lacks, start values outside of ranges, or a job of another task.
+    /// Names that the FMU lacks, start values outside of their ranges, or a job of another task.
     pub fn carry_out(&self, job: &Job) -> Result<Done, Error> {
         let simulated = Simulated::new(self, self.unknowns()?)?;
         if job.record >= self.records.len() || job.point.len() != simulated.unknowns.len() {
@@ -153,7 +153,7 @@ fn inside(sought: &Sought, start: f64) -> Result<f64, Error> {
 }
 
 impl Unknown {
-    /// The value at a point of the search, which begins at 0.
+    /// The value at a point of the search, whose start is 0.
     fn value(&self, q: f64) -> f64 {
         match self.range {
             None => self.start + self.scale() * q,

@@ -12,7 +12,7 @@ use crate::parallel;
 use crate::report::number;
 use crate::workers::{employed, results};
 
-/// Differences are of so large a part of what an unknown is scaled with.
+/// Step of differences, in parts of the scale of an unknown.
 const DIFFERENCE: f64 = 1e-4;
 
 /// Simulations of all records.
@@ -20,7 +20,7 @@ pub(super) struct Simulated<'a> {
     pub task: &'a Task<'a>,
     pub unknowns: Vec<Unknown>,
     references: Vec<u32>,
-    /// Rows of each record that the search sees.
+    /// Rows of each record that the search uses.
     pub seen: Vec<usize>,
 }
 
@@ -33,7 +33,7 @@ pub struct Job {
     pub point: Vec<f64>,
 }
 
-/// Its result: outputs, one after the other at each row, or why it failed.
+/// Its result: outputs, one after the other at each row, or the reason of its failure.
 pub type Done = Result<Vec<f64>, String>;
 
 /// Outputs of all records: a row an output, a column a row of the record.
@@ -63,7 +63,7 @@ impl<'a> Simulated<'a> {
         (0..self.task.records.len()).map(|record| self.simulate(record, point)).collect()
     }
 
-    /// The outputs at each of some points, on all threads or by the workers of the command; `None` where a run fails.
+    /// The outputs at some points, on all threads or by the workers of the command; `None` for a run that fails.
     fn outputs_at_each(&self, points: &[Vec<f64>]) -> Vec<Option<Courses>> {
         let records = self.task.records.len();
         let Some(workers) = employed() else {
@@ -83,7 +83,7 @@ impl<'a> Simulated<'a> {
         made.chunks(records.max(1)).map(|of_point| of_point.iter().map(course).collect()).collect()
     }
 
-    /// Carries out a job: the outputs of a record at a point, column by column, or why the run fails.
+    /// Does a job: the outputs of a record at a point, column by column, or the reason why the run fails.
     pub fn carry_out(&self, Job { record, point }: &Job) -> Done {
         let outputs = self.simulate(*record, point).map_err(|error| error.to_string());
         outputs.map(|outputs| outputs.as_slice().to_vec())
@@ -116,12 +116,12 @@ impl<'a> Simulated<'a> {
         Ok(courses)
     }
 
-    /// True where the record has a value that the search sees.
+    /// True where the record has a value that the search uses.
     pub fn counts(&self, record: usize, output: usize, row: usize) -> bool {
         row < self.seen[record] && self.task.records[record].outputs[output][row].is_finite()
     }
 
-    /// Values that count, without their mean over each record where sensors may have constant errors.
+    /// Values that count, without their mean over each record if sensors may have constant errors.
     fn projected(&self, record: usize, courses: &DMatrix<f64>) -> DMatrix<f64> {
         let counts = |i: usize, row: usize| self.counts(record, i, row);
         let mut kept =
@@ -142,7 +142,7 @@ impl<'a> Simulated<'a> {
         kept
     }
 
-    /// Simulated less measured values, all of them.
+    /// Simulated minus measured values, all of them.
     pub fn differences(&self, record: usize, courses: &DMatrix<f64>) -> DMatrix<f64> {
         let measured = &self.task.records[record].outputs;
         DMatrix::from_fn(courses.nrows(), courses.ncols(), |i, row| courses[(i, row)] - measured[i][row])

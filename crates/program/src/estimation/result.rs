@@ -1,4 +1,4 @@
-//! Parameters that were found, and how sure they are.
+//! Estimated parameters and their uncertainty.
 
 use adaptive_fmu_identification::marquardt::Fit;
 use nalgebra::DMatrix;
@@ -13,11 +13,11 @@ pub struct Estimated {
     pub name: String,
     /// Unit of measurement.
     pub unit: String,
-    /// The record whose value it is, from 0; none of a parameter of all.
+    /// The record whose value it is, from 0; none for a parameter of all.
     pub record: Option<usize>,
     /// The value.
     pub value: f64,
-    /// Standard error; NaN where the records don't depend on it, as at an end of a range.
+    /// Standard error; NaN if the records don't depend on it, as at an end of a range.
     pub error: f64,
     /// Size of its start value, or 1.
     pub scale: f64,
@@ -36,8 +36,7 @@ pub struct Found {
     pub condition: f64,
     /// Root mean square of each output's residual.
     pub noise: Vec<f64>,
-    /// The part of the held-out motion of each output that the simulation follows, %; NaN of one that hardly moves there, empty where
-    /// nothing is held out.
+    /// Fit of each output to held-out data, %; NaN for an output that hardly moves there, empty without held-out data.
     pub held_out: Vec<f64>,
     /// The part that noise leaves, %.
     pub ceiling: Vec<f64>,
@@ -49,11 +48,11 @@ pub struct Found {
 
 /// Least held-out motion that shows anything, in parts of the noise.
 const LEAST_MOTION: f64 = 2.0;
-/// A value so near to an end of its range, in parts of it, is at it.
+/// Distance from an end of its range, in parts of it, within which a value is at the end.
 const AT_END: f64 = 1e-3;
 
 impl Simulated<'_> {
-    /// The parameters of a fit; `None` where simulations near it fail.
+    /// The parameters of a fit; `None` if simulations nearby fail.
     pub(super) fn found(&self, fit: &Fit) -> Option<Found> {
         let point = &fit.unknowns;
         let (residuals, derivatives) = (self.residuals(point)?, self.derivatives(point)?);
@@ -98,7 +97,7 @@ impl Simulated<'_> {
         })
     }
 
-    /// Outputs at a point, with the constant errors that the rows show from which it is estimated.
+    /// Outputs at a point, with the constant errors of the rows that it is estimated from.
     fn simulated(&self, point: &[f64]) -> Option<Vec<DMatrix<f64>>> {
         let mut courses = self.outputs_at(point).ok()?;
         for (record, course) in courses.iter_mut().enumerate().filter(|_| self.task.has_offsets) {
@@ -112,7 +111,7 @@ impl Simulated<'_> {
         Some(courses)
     }
 
-    /// Fits of what the search didn't see, and those that a perfect simulation would have with the noise.
+    /// Fits to data that the search didn't use, and those of a perfect simulation with the same noise.
     fn held_out(&self, simulated: &[DMatrix<f64>], rms: &[f64]) -> (Vec<f64>, Vec<f64>) {
         if self.task.hold_out == 0.0 {
             return (Vec::new(), Vec::new());

@@ -1,8 +1,8 @@
-//! Covariance of estimated parameters, which holds for residuals that are correlated with each other and over time.
+//! Covariance of estimated parameters, which is valid for residuals that are correlated with each other and over time.
 
 use nalgebra::DMatrix;
 
-/// Blocks of consecutive rows by which coloured residuals are seen.
+/// Blocks of consecutive rows that reveal coloured residuals.
 const BLOCKS: usize = 24;
 
 /// Derivatives and residuals of all records, weighted: rows of all outputs, one record after the other.
@@ -20,8 +20,9 @@ impl Weighted {
         Weighted { derivatives, residuals: self.residuals.clone() }
     }
 
-    /// The covariance of the unknowns, each standard error being the larger of that by correlated outputs and that by blocks of
-    /// rows; with the condition number of the information, scaled. `None` where an unknown isn't seen at all.
+    /// The covariance of the unknowns, and the condition number of the scaled information. Each standard error is the
+    /// larger of that by correlated outputs and that by blocks of rows. `None` if the records don't depend on an
+    /// unknown at all.
     pub fn covariance(&self) -> Option<(DMatrix<f64>, f64)> {
         let (outputs, p) = self.derivatives.first()?.shape();
         if p == 0 {

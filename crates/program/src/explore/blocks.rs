@@ -1,4 +1,4 @@
-//! The picture of a loop: its units as blocks, its connections as arrows.
+//! The block diagram of a loop: its components as blocks, its connections as arrows.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -15,7 +15,7 @@ const LANE: f64 = 26.0;
 /// The longest label of an arrow, in characters.
 const LONGEST: usize = 14;
 
-/// An arrow from one unit to another, by their places in the row, with what it hands on.
+/// An arrow between two components, by their places in the row, with its signals.
 struct Arrow {
     from: usize,
     to: usize,
@@ -69,7 +69,7 @@ fn left(place: usize) -> f64 {
     12.0 + place as f64 * (BLOCK.0 + GAP)
 }
 
-/// The units from references over controllers to plants and sensors; those of other tools as the loop has them.
+/// The components from references over controllers to plants and sensors; those of other tools in the loop's order.
 fn row(structure: &Structure) -> Vec<&Component> {
     let mut units: Vec<&Component> = structure.components.iter().collect();
     let rank = |unit: &&Component| match role(structure, &unit.fmu) {
@@ -106,7 +106,7 @@ fn arrows(structure: &Structure, units: &[&Component]) -> Vec<Arrow> {
 }
 
 impl Arrow {
-    /// True if it leads over the row; none where it goes straight from a block to the next.
+    /// True if it leads over the row; none if it goes straight from a block to the next.
     fn is_over(&self) -> Option<bool> {
         if self.to == self.from + 1 { None } else { Some(self.to > self.from) }
     }
@@ -116,7 +116,7 @@ impl Arrow {
     }
 }
 
-/// Arrows, by their places, that lie over or beneath the row, in lanes in which none crosses another.
+/// Arrows, by their places, over or beneath the row, in lanes without crossings.
 fn lanes(arrows: &[Arrow], over: bool) -> Vec<Vec<usize>> {
     let mut chosen: Vec<usize> = (0..arrows.len()).filter(|&k| arrows[k].is_over() == Some(over)).collect();
     chosen.sort_by_key(|&k| arrows[k].span().1 - arrows[k].span().0);
@@ -133,7 +133,7 @@ fn lanes(arrows: &[Arrow], over: bool) -> Vec<Vec<usize>> {
     lanes
 }
 
-/// The way of an arrow, and where its label stands.
+/// The path of an arrow, and the place of its label.
 fn way(arrow: &Arrow, top: f64, over: usize, beneath: usize) -> (String, (f64, f64)) {
     let (x1, x2, middle) = (left(arrow.from), left(arrow.to), top + BLOCK.1 / 2.0);
     match arrow.is_over() {
@@ -142,7 +142,7 @@ fn way(arrow: &Arrow, top: f64, over: usize, beneath: usize) -> (String, (f64, f
             (format!("M{from},{middle}H{to}"), ((from + to) / 2.0, middle - 7.0))
         }
         Some(is_over) => {
-            // Each lane begins and ends at a place of its own of a block.
+            // Each lane starts and ends at its own place of a block.
             let lane = if is_over { over } else { beneath } as f64;
             let (from, to) = (x1 + BLOCK.0 * 0.62 + 9.0 * lane, x2 + BLOCK.0 * 0.38 - 9.0 * lane);
             let edge = if is_over { top } else { top + BLOCK.1 };

@@ -13,7 +13,7 @@ use crate::fmu::Ready;
 use crate::simulation::LoadedLoop;
 use crate::structure::{LoopFiles, Settings, Structure, Whole};
 
-/// The loop that the page is of.
+/// The loop of the page.
 static SESSION: Mutex<Option<Session>> = Mutex::new(None);
 
 /// Request of a page.
@@ -28,13 +28,13 @@ enum Asked {
 
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
-    /// Takes a line of JSON: how far a run is, or, last, the answer.
+    /// Takes a line of JSON: the progress of a run, or, last, the answer.
     fn take(text: *const u8, length: usize);
 }
 
 fn tell(line: &Value) {
     let text = line.to_string();
-    // SAFETY: the page reads so many bytes of the text before it returns.
+    // SAFETY: the page reads no more bytes of the text before it returns.
     unsafe { take(text.as_ptr(), text.len()) };
 }
 
@@ -44,19 +44,19 @@ extern "C" fn explore_source() -> *const u8 {
     SOURCE.as_ptr()
 }
 
-/// A place for the text of a question.
+/// Memory for the text of a question.
 #[unsafe(no_mangle)]
 extern "C" fn explore_place(length: usize) -> *mut u8 {
     Box::into_raw(vec![0_u8; length].into_boxed_slice()).cast()
 }
 
-/// Answers a question, whose place is taken back.
+/// Answers a question, and frees its memory.
 ///
 /// # Safety
-/// The place must be one of so many bytes that [`explore_place`] gave.
+/// The memory must be one of this size that [`explore_place`] returned.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn explore_answer(place: *mut u8, length: usize) {
-    // SAFETY: as this function asks of its caller.
+    // SAFETY: the caller of this function guarantees it.
     let question = unsafe { Box::from_raw(std::ptr::slice_from_raw_parts_mut(place, length)) };
     let answered = serde_json::from_slice(&question).map_err(|error| error.to_string()).and_then(answer);
     tell(&answered.unwrap_or_else(|reason| json!({ "error": reason })));

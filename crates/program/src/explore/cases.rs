@@ -10,7 +10,7 @@ const POINTS: f64 = 1000.0;
 /// A loop with the start values of one of its cases.
 #[derive(Debug)]
 pub struct Base {
-    /// Name of the case; none of the loop as it is.
+    /// Name of the case; none for the loop as it is.
     pub name: Option<String>,
     /// The loop.
     pub structure: Structure,
@@ -18,7 +18,7 @@ pub struct Base {
     pub loaded: LoadedLoop,
 }
 
-/// A loop and its cases, each loaded, and which cases are left out.
+/// Loads a loop and its cases; returns the cases that are left out, too.
 ///
 /// # Errors
 /// When the loop itself can't be loaded.
@@ -31,7 +31,7 @@ pub fn cases(
     let mut bases = vec![Base { name: None, loaded: load(&structure)?, structure }];
     for case in files.parameter_files() {
         let mut changed = bases[0].structure.clone();
-        // A set that the loop binds to one of its units is no case: its names have no unit.
+        // A set that the loop binds to one of its components is no case: its names lack the component.
         if changed.apply_case(case.as_ref(), files).is_err() || changed == bases[0].structure {
             continue;
         }

@@ -1,4 +1,4 @@
-//! Time as it passes. A browser has a clock of its own.
+//! Clock for durations. A browser has a clock of its own.
 
 #[cfg(not(target_family = "wasm"))]
 pub(super) use std::time::Instant;

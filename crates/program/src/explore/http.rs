@@ -12,9 +12,9 @@ const LONGEST_BODY: usize = 256 << 10;
 const MOST_HEADERS: usize = 64;
 /// Longest time for the head of a request, and then for its body.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Headers by which a request is let in, or by which it is seen where it ends: one that comes twice could be read as either.
+/// Headers that let a request in or show its end. Each may occur once only: a repeated one would be ambiguous.
 const ONCE: [&str; 6] = ["host", "origin", "x-token", "content-type", "content-length", "transfer-encoding"];
-/// A browser that obeys this loads nothing from elsewhere, sends nothing there, and shows the page in no other.
+/// Policy with which a browser loads nothing from elsewhere, sends nothing there, and shows the page in no other.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -34,7 +34,7 @@ pub struct Request {
 pub type Refusal = (u16, String);
 
 impl Request {
-    /// Reads the head of one. Whoever is slower than the deadline is refused, however often a byte comes.
+    /// Reads the head of a request. It is refused after the deadline, however often a byte comes.
     pub fn head(stream: &mut TcpStream) -> Result<Self, Refusal> {
         stream.set_write_timeout(Some(PATIENCE)).map_err(failed)?;
         let deadline = Instant::now() + PATIENCE;
@@ -56,7 +56,7 @@ impl Request {
         Ok(request)
     }
 
-    /// Reads the body of one whose head was read.
+    /// Reads the body of a request after its head.
     pub fn read_body(&mut self, stream: &mut TcpStream) -> Result<(), Refusal> {
         let deadline = Instant::now() + PATIENCE;
         let length = self.length()?;
@@ -72,7 +72,7 @@ impl Request {
         Ok(())
     }
 
-    /// The only value of a header; none where it is missing or there are several.
+    /// The only value of a header; none if it is missing or there are several.
     pub fn header(&self, name: &str) -> Option<&str> {
         let mut found = self.headers.iter().filter(|(known, _)| known.eq_ignore_ascii_case(name));
         let (_, value) = found.next()?;
@@ -83,7 +83,7 @@ impl Request {
         self.headers.iter().any(|(known, _)| known.eq_ignore_ascii_case(name))
     }
 
-    /// The only value of this name in the query. What this server asks for needs no escapes.
+    /// The only value of this name in the query. Queries of this server need no escapes.
     pub fn asked(&self, name: &str) -> Option<&str> {
         let pairs = self.query.split('&').filter_map(|pair| pair.split_once('='));
         let mut found = pairs.filter(|(key, _)| *key == name);
@@ -115,7 +115,7 @@ fn failed(error: io::Error) -> Refusal {
     }
 }
 
-/// Reads what has come, or waits for it until the deadline.
+/// Reads available bytes, or waits for some until the deadline.
 fn read_by(stream: &mut TcpStream, deadline: Instant, part: &mut [u8]) -> Result<usize, Refusal> {
     let left = deadline.saturating_duration_since(Instant::now());
     if left.is_zero() {
@@ -124,7 +124,7 @@ fn read_by(stream: &mut TcpStream, deadline: Instant, part: &mut [u8]) -> Result
     stream.set_read_timeout(Some(left)).and_then(|()| stream.read(part)).map_err(failed)
 }
 
-/// The head of a request and its length, where it is there.
+/// The head of a request and its length, once it is complete.
 fn parsed(bytes: &[u8]) -> Result<Option<(Request, usize)>, Refusal> {
     let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
     let mut head = httparse::Request::new(&mut headers);

@@ -1,5 +1,5 @@
-//! A loop in the browser: a page with a control for each of its parameters. A server on this machine runs the loop as often as
-//! one is moved; on a page without a server this package's library does that itself, as WebAssembly.
+//! A loop in the browser: a page with a control for each of its parameters. A server on this machine runs the loop
+//! whenever one is moved. On a page without a server, this package's library does so itself, as WebAssembly.
 
 mod blocks;
 #[cfg(target_family = "wasm")]

@@ -1,4 +1,4 @@
-//! The page and its files: the same whether a server answers it or this package's library within it.
+//! The page and its files, which are the same with a server and with this package's library in the page.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -23,16 +23,16 @@ const SCRIPT_KIND: &str = "text/javascript; charset=utf-8";
 pub(super) struct Backend(&'static [(&'static str, &'static str)]);
 
 impl Backend {
-    /// The server that the page comes from.
+    /// The server of the page.
     pub const SERVER: Backend = Backend(&[("server.js", include_str!("server.js"))]);
-    /// This package's library within the page, which [`PROGRAM`] holds.
+    /// This package's library within the page, in [`PROGRAM`].
     const LIBRARY: Backend = Backend(&[("browser.js", include_str!("browser.js"))]);
 }
 
-/// The file of a page without a server that holds the library, by far the largest.
+/// The file with the library for a page without a server, by far the largest.
 const PROGRAM: &str = "program.js";
 
-/// The scripts of any page, in their order, but for those of its backend.
+/// The scripts of any page, in their order, without those of its backend.
 const SCRIPTS: [(&str, &str); 4] = [
     ("diagrams.js", SCRIPT),
     ("controls.js", include_str!("controls.js")),
@@ -57,8 +57,8 @@ pub(super) fn html(name: &str, backend: Backend, query: &str) -> String {
     PAGE.replace("{query}", query).replace("{scripts}", &scripts).replace("{name}", &escaped(name))
 }
 
-/// Writes the page of one of this package's loops into a folder: it needs no server, for it holds the library, compiled
-/// to WebAssembly, which all pages of a folder share. The page's file.
+/// Writes the page of one of this package's loops into a folder, and returns its file. It needs no server, as it has
+/// the library, compiled to WebAssembly, which all pages of a folder share.
 ///
 /// # Errors
 /// When the library isn't WebAssembly, or a file can't be written.
@@ -80,7 +80,7 @@ pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<Pat
     Ok(page)
 }
 
-/// Refuses what isn't this very library as WebAssembly.
+/// Refuses any file but this library as WebAssembly.
 fn check(bytes: &[u8]) -> Result<(), String> {
     const ADVICE: &str = "build it with `cargo rustc --release --package adaptive-fmu-program --lib --crate-type \
         cdylib --target wasm32-unknown-unknown`";
@@ -101,7 +101,7 @@ fn holds(bytes: &[u8], text: &[u8]) -> bool {
     bytes.windows(text.len()).any(|place| place == text)
 }
 
-/// The library as a script, which a page may load from a file as well as from a server: compressed, as text.
+/// The library as a script, compressed, as text. A page may load it from a file as well as from a server.
 fn program(bytes: &[u8]) -> io::Result<String> {
     let mut compressed = GzEncoder::new(Vec::new(), Compression::best());
     compressed.write_all(bytes)?;

@@ -61,8 +61,7 @@ impl Sweep {
     /// parameter.
     ///
     /// # Errors
-    /// When a parameter doesn't exist, is named twice or can't be set, a value isn't allowed, or there are too many
-    /// runs.
+    /// When a parameter doesn't exist, is named twice or can't be set, a value isn't allowed, or runs are too many.
     pub fn new(
         structure: Structure,
         settings: Settings,
