@@ -1,5 +1,5 @@
-//! Files of this project that follow from others: descriptions of FMUs, the schema, tables in the documentation. The command
-//! `generate` writes them, and a test holds them.
+//! Files of this project that follow from others: descriptions of FMUs, the schema, tables in the documentation. The
+//! command `generate` writes them, and a test checks them.
 
 use std::fmt::Write;
 
@@ -50,7 +50,7 @@ fn model(text: &str) -> Result<Model, Invalid> {
     Model::from_description(Description::read(text)?, REGISTRY)
 }
 
-/// Puts a table where a page has its place; none where it has none.
+/// Puts a table into its place in a page; none if there is no place.
 pub fn put(page: &mut String, name: &str, table: &str) -> Option<()> {
     let mark = format!("<!-- generated: {name} -->\n");
     let begin = page.find(&mark)? + mark.len();
@@ -59,7 +59,7 @@ pub fn put(page: &mut String, name: &str, table: &str) -> Option<()> {
     Some(())
 }
 
-/// Controllers by what they need: a narrow table, or one with what to expect of each.
+/// Table for choosing a controller, with or without a column of what to expect.
 fn choices(wide: bool) -> String {
     let head = if wide {
         "| you have | take | what to expect |\n| --- | --- | --- |\n"
@@ -77,7 +77,7 @@ fn choices(wide: bool) -> String {
     table
 }
 
-/// The FMUs, by what they do in a loop, then by their names.
+/// Table of FMUs, by their roles in a loop, then by their names.
 fn fmus(units: &[(&Entry, &Model)]) -> String {
     let mut units = units.to_vec();
     units.sort_by_key(|(entry, _)| entry.role);
@@ -115,7 +115,7 @@ fn ports(model: &Model, causality: Causality) -> String {
     shown.collect::<Vec<_>>().join(", ")
 }
 
-/// The parameters that a unit with C sources fixes.
+/// Table of the parameters that an FMU with C sources fixes.
 fn designed(models: &[Model]) -> String {
     models.iter().fold("| FMU | fixed |\n| --- | --- |\n".to_owned(), |table, model| {
         let fixed: Vec<_> = model.designed_names().iter().map(|parameter| format!("`{parameter}`")).collect();
@@ -124,7 +124,7 @@ fn designed(models: &[Model]) -> String {
     })
 }
 
-/// The kinds, and which of them `new` begins.
+/// Table of kinds, with those of which `new` begins a description.
 fn kinds() -> String {
     let mut table = "| `model` | what it is | `new` begins one |\n| --- | --- | --- |\n".to_owned();
     for Entry { kind, title, page, template, .. } in CATALOGUE {
@@ -139,13 +139,13 @@ fn of_signals(key: &str) -> bool {
     ["quantities", "units"].iter().any(|name| key.split('.').next() == Some(name))
 }
 
-/// Models whose keys are mostly the same, and what a table calls them.
+/// Models whose keys are mostly the same, and their name in a table.
 const GROUPS: [(&str, &str); 2] = [
     ("`l1`, `fuzzy-l1`, `l1-quadrotor`, `l1-quadrotor-observed`, `l1-limit`, `l1-sampled`, `l1-ppf`", "all L1"),
     ("`l1`, `fuzzy-l1`, `l1-quadrotor`, `l1-quadrotor-observed`, `l1-limit`, `l1-sampled`", "L1 but `l1-ppf`"),
 ];
 
-/// The keys of structures that are chosen, and whose they are.
+/// Table of some keys of structures, with their models.
 fn structures(chosen: impl Fn(&str) -> bool) -> String {
     let mut rows: Vec<(String, String, Vec<&str>)> = Vec::new();
     for key in schema::keys() {
@@ -169,7 +169,7 @@ fn structures(chosen: impl Fn(&str) -> bool) -> String {
 /// Text of a key: its doc comment, the values that are allowed, and its default.
 fn what_it_is(key: &Key) -> String {
     let mut text = key.text.trim_end_matches('.').to_owned();
-    // A word begins small, a symbol stays.
+    // A word gets a small letter, a symbol stays.
     let mut letters = text.chars();
     if let [Some(first), second] = [letters.next(), letters.next()]
         && second.is_none_or(|c| c.is_lowercase() || c == ' ')
@@ -195,7 +195,7 @@ fn what_it_is(key: &Key) -> String {
     text
 }
 
-// A text in a cell of a table.
+// Text for a cell of a table.
 fn cell(text: &str) -> String {
     text.replace('|', "\\|")
 }

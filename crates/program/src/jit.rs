@@ -1,5 +1,5 @@
-//! Recorded equations as machine code, in memory of this process: the same bits as those of the generic equations, for each
-//! operation is one instruction or a call of the very function that these call.
+//! Recorded equations as machine code, in memory of this process. It gives the same bits as the generic equations: each
+//! operation is one instruction, or a call of the very function that these call.
 
 #[cfg(not(target_family = "wasm"))]
 mod emitter;

@@ -35,8 +35,7 @@ const STEPS: i32 = 24;
 /// Duration of a run in settling times, or in 1/W if none is known.
 const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
-/// Longest computation of a candidate's runs: an adaptation that is a thousand times faster than its loop takes
-/// minutes.
+/// Longest computation of a candidate's runs: an adaptation a thousand times faster than its loop takes minutes.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Longest run in the settling times that were asked for; a slower loop isn't run.
 const MOST: f64 = 30.0;

@@ -31,10 +31,9 @@ fn is_in_time(task: &Task, worst: &Followed) -> bool {
     worst.settling.is_some_and(settles)
 }
 
-/// The numbers of the candidates, the recommended one first. Sound ones precede others. Among these, the first are
-/// those with outputs within 5 % of their references with the worst corner, then those that settle within 1.5 of the
-/// time asked for. Ties are decided by the smallest peak of the controls, in parts of their limits or of the largest
-/// peak of any candidate.
+/// The candidates in order of recommendation, by these criteria: a sound design; outputs that end within 5 % of their
+/// references with the worst corner; settling there within 1.5 of the time asked for; the smallest peak of the controls
+/// there, in parts of their limits or of the largest peak of any candidate.
 pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
     let worst: Vec<_> =
         candidates.iter().map(|one| one.outcome.as_ref().ok().and_then(|design| design.worst())).collect();

@@ -163,8 +163,7 @@ impl Trial {
         own.filter_map(|name| Some((self.place(&name)?, 0.0))).collect()
     }
 
-    /// Simulates the loop with a plant, the nominal one by default. The course starts where the reference of output `i`
-    /// steps.
+    /// Simulates the loop with a plant [default: nominal]. The course starts when the reference of output `i` steps.
     ///
     /// # Errors
     /// When a component fails, or a signal grows without bound.

@@ -21,8 +21,7 @@ impl Weighted {
     }
 
     /// The covariance of the unknowns, and the condition number of the scaled information. Each standard error is the
-    /// larger of that by correlated outputs and that by blocks of rows. `None` if the records don't depend on an
-    /// unknown at all.
+    /// larger of those by correlated outputs and by blocks of rows. `None` if the records don't depend on an unknown.
     pub fn covariance(&self) -> Option<(DMatrix<f64>, f64)> {
         let (outputs, p) = self.derivatives.first()?.shape();
         if p == 0 {

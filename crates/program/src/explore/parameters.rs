@@ -15,7 +15,7 @@ use crate::system::NO_LIMIT;
 /// Number of sliders of a component that are shown at first.
 const FIRST_OF_CONTROLLER: usize = 8;
 const FIRST_OF_OTHERS: usize = 3;
-/// A range over more than this is logarithmic.
+/// Ratio of the ends above which a slider is logarithmic.
 const DECADES: f64 = 1e3;
 /// Factor between the start value and an end of the slider, for a parameter without limits.
 const APART: f64 = 100.0;
@@ -31,9 +31,9 @@ const ABOUT_NUMBERS: [&str; 9] = [
     "input_handling",
     "on_step_failure",
 ];
-/// Words of parameters that are turned first.
+/// Words of parameters that users change first.
 const FIRST: [&str; 7] = ["gain", "pole", "bandwidth", "rate", "frequency", "amplitude", "mass"];
-/// Names of gains and of desired dynamics, which contain none of these words.
+/// Names of gains and of desired dynamics without these words.
 const GAINS: [&str; 8] = ["A_m", "K_p", "K_i", "K_d", "omega_c", "omega_o", "k", "g"];
 /// Ends of the names of limits, and of bounds.
 const LIMITS: [&str; 5] = ["_min", "_max", "_bound", "_limit", "_limits"];
@@ -47,7 +47,7 @@ pub struct Parameter {
     pub unit: String,
     /// Description.
     pub description: String,
-    /// Signals that an element of a matrix connects, `current ← voltage`, where these have names.
+    /// Signals that an element of a matrix connects, `current ← voltage`, if they have names.
     pub acts: Option<String>,
     /// Its unit of measurement.
     pub measure: String,
@@ -83,7 +83,7 @@ pub enum Control {
     Tick,
     /// An Enumeration: one of its items.
     Choice {
-        /// Their names, with their numbers, which a page doesn't need.
+        /// Their names for the page, which doesn't need their numbers.
         #[serde(serialize_with = "names")]
         items: Vec<(String, i32)>,
     },
@@ -110,16 +110,16 @@ impl Control {
         })
     }
 
-    /// True if it may be among those that are shown at first: a slider of a value that is none, or that stands for no
-    /// limit, isn't.
+    /// True if it may be among those that are shown at first. A slider without a range, or one that starts at zero, may
+    /// not.
     fn can_matter(&self) -> bool {
         !matches!(self, Control::Slider { range: None, .. } | Control::Slider { is_zero: true, .. })
     }
 
-    /// A value that a page sends, as one of this parameter's type.
+    /// Converts a value from a page to this parameter's type.
     ///
     /// # Errors
-    /// What it must be.
+    /// Values that are allowed.
     fn value(&self, given: &Json) -> Result<Value, String> {
         let whole = |number: &Json| number.as_i64().and_then(|number| i32::try_from(number).ok());
         match self {
@@ -141,7 +141,7 @@ impl Control {
 }
 
 impl Parameter {
-    /// The parameters of a loop that a page can move, in the order of its units: all but Strings.
+    /// The parameters of a loop that a page can move, in the order of its components: all but Strings.
     pub fn of(structure: &Structure, loaded: &LoadedLoop) -> Vec<Self> {
         let mut parameters: Vec<Self> = loaded
             .variables()
@@ -149,7 +149,7 @@ impl Parameter {
             .filter_map(|(name, place, variable)| Self::new(structure, loaded, name, place, variable))
             .collect();
         choose(structure, &mut parameters);
-        // Those of a unit stay together: a page has a group of each.
+        // Those of a component stay together, as a page has a group for each.
         parameters.sort_by_key(|parameter| rank(parameter.own_name()));
         parameters
     }
@@ -177,7 +177,7 @@ impl Parameter {
     /// A value that a page sends.
     ///
     /// # Errors
-    /// For one of another type.
+    /// A value of another type.
     pub(super) fn value(&self, given: &Json) -> Result<Value, String> {
         self.control.value(given).map_err(|reason| format!("`{}` = {given}: {reason}", self.name))
     }
@@ -188,7 +188,7 @@ impl Parameter {
         written(value, items).1
     }
 
-    /// A value of it as a page has it.
+    /// A value of it for a page.
     pub(super) fn told(&self, value: &Value) -> Json {
         match value {
             Value::Real(number) => (*number).into(),
@@ -199,7 +199,7 @@ impl Parameter {
     }
 }
 
-/// A value as a parameter set has it, the name of its type there and the text; `items` are those of its enumeration.
+/// A value for a parameter set: its type there and its text; `items` are those of its enumeration.
 pub(super) fn written(value: &Value, items: &[(String, i32)]) -> (&'static str, String) {
     match value {
         Value::Real(number) => ("Real", number.to_string()),
@@ -216,7 +216,7 @@ fn names<S: Serializer>(items: &[(String, i32)], serializer: S) -> Result<S::Ok,
     serializer.collect_seq(items.iter().map(|(name, _)| name))
 }
 
-/// The ends of a slider, and whether it is logarithmic.
+/// The ends of a slider, and true if it is logarithmic.
 fn range(start: f64, (min, max): (Option<f64>, Option<f64>), told: Option<(f64, f64)>) -> (Option<(f64, f64)>, bool) {
     let spans_decades = |low: f64, high: f64| low > 0.0 && high / low >= DECADES;
     if let Some((low, high)) = told {
@@ -242,7 +242,8 @@ fn range(start: f64, (min, max): (Option<f64>, Option<f64>), told: Option<(f64, 
     if low < high { (Some((low, high)), spans_decades(low, high)) } else { (None, false) }
 }
 
-/// Chooses which are shown at first: those that the loop is tuned by, and of each unit a few that matter.
+/// Chooses those that are shown at first: the tuning parameters of the loop, and a few important ones of each
+/// component.
 fn choose(structure: &Structure, parameters: &mut [Parameter]) {
     let tuned: Vec<&String> = structure.tuning.iter().flat_map(|it| &it.parameters).map(|it| &it.name).collect();
     parameters.iter_mut().for_each(|parameter| parameter.first = tuned.contains(&&parameter.name));
@@ -253,7 +254,7 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
             _ => FIRST_OF_OTHERS,
         };
         let given = |name: &str| component.values.iter().any(|value| value.name == name);
-        // Best first; none for what doesn't matter at first.
+        // Smaller is better; none for parameters that aren't shown at first.
         let worth = |parameter: &Parameter| {
             let (name, rank) = (parameter.own_name(), rank(parameter.own_name()));
             let is_turned = rank == Rank::Gain || given(name);
@@ -269,10 +270,10 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
     }
 }
 
-/// Place of a parameter in lists: the earlier, the more it is used.
+/// Place of a parameter in lists: the most used come first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
-    /// Poles, gains, and what else is turned first.
+    /// Poles, gains, and others that users change first.
     Gain,
     Other,
     Limit,
@@ -293,7 +294,7 @@ fn rank(name: &str) -> Rank {
     }
 }
 
-/// Signals that an element of a matrix connects, where the unit's description names them.
+/// Signals that an element of a matrix connects, if the component's description names them.
 fn acts(structure: &Structure, unit: &str, name: &str) -> Option<String> {
     let (matrix, indices) = name.strip_prefix(unit)?.strip_prefix('.')?.strip_suffix(']')?.split_once('[')?;
     let (to, from) = match matrix {

@@ -34,12 +34,12 @@ pub struct Server {
     address: SocketAddr,
     token: String,
     session: Arc<Session>,
-    /// Connections that haven't shown the token, the oldest first, with the numbers that they have as they came.
+    /// Connections that haven't shown the token, the oldest first, with their numbers.
     waiting: Mutex<VecDeque<(u64, TcpStream)>>,
     answered: AtomicUsize,
 }
 
-/// A token that nobody guesses: 128 random bits.
+/// A token of 128 random bits, which nobody can guess.
 ///
 /// # Errors
 /// When the system gives no random numbers.
@@ -50,10 +50,10 @@ pub fn token() -> io::Result<String> {
 }
 
 impl Server {
-    /// Listens on the loopback address at a port; 0 is any that is free.
+    /// Listens on the loopback address at a port; 0 chooses a free one.
     ///
     /// # Errors
-    /// When the port can't be had.
+    /// When the port isn't available.
     pub fn new(session: Arc<Session>, port: u16, token: String) -> io::Result<Self> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
         let address = listener.local_addr()?;
@@ -65,10 +65,10 @@ impl Server {
         format!("http://{}/?token={}", self.address, self.token)
     }
 
-    /// Answers whoever asks, until the process ends.
+    /// Answers all requests until the process ends.
     pub fn serve(self) {
         let server = Arc::new(self);
-        // Those that were closed meanwhile are passed over.
+        // Connections that were closed meanwhile are skipped.
         for (number, stream) in (0..).zip(server.listener.incoming().flatten()) {
             let Ok(other) = stream.try_clone() else { continue };
             server.waits(number, other);
@@ -142,8 +142,8 @@ impl Server {
         }
     }
 
-    /// True if a request comes from this server's own page: by this machine's name, so that no other name was made to lead
-    /// here, with the token, and from no page of anybody else.
+    /// Checks that a request comes from this server's own page: it must have the token, come from no other page, and
+    /// name this machine, so that no other name was redirected here.
     fn check(&self, request: &Request) -> Result<(), Refusal> {
         let port = self.address.port();
         let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
@@ -166,7 +166,7 @@ impl Server {
         page::html(self.session.name(), Backend::SERVER, &format!("?token={}", self.token))
     }
 
-    /// Runs the loop, and answers a line of JSON now and then, the result last.
+    /// Runs the loop. The answer has lines of JSON with the progress, the result last.
     fn run(&self, stream: &mut TcpStream, wanted: &Wanted) -> io::Result<()> {
         begin(stream, 200, "application/x-ndjson", "")?;
         let mut tell = |line: Value| writeln!(stream, "{line}").and_then(|()| stream.flush()).is_ok();
@@ -210,8 +210,7 @@ fn kept(request: &Request, keep: impl Fn(&Wanted) -> Result<Value, String>) -> R
     keep(&wanted(request)?).map_err(|reason| (422, reason))
 }
 
-/// Answers why there is no answer, and reads on for a while: a connection that is closed with bytes unread takes its answer
-/// back.
+/// Answers with a refusal, and reads on for a while: a connection that is closed with unread bytes discards its answer.
 fn refused(stream: &mut TcpStream, (status, reason): Refusal) -> io::Result<()> {
     answer(stream, status, JSON, "", json!({ "error": reason }).to_string().as_bytes())?;
     stream.shutdown(Shutdown::Write)?;

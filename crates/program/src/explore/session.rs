@@ -30,7 +30,7 @@ const TELLING: Duration = Duration::from_millis(150);
 const LOOK: Duration = Duration::from_millis(5);
 /// Longest time for runs to end with the program.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// The latest requests of so many pages are known.
+/// The most pages whose latest requests are stored.
 const MOST_PAGES: usize = 100;
 
 /// A loop that is explored.
@@ -41,7 +41,7 @@ pub struct Session {
     pub(super) plain: BTreeMap<String, fmu::Value>,
     pub(super) parameters: Vec<Parameter>,
     settings: Settings,
-    /// The same with the communication step by which metrics are measured.
+    /// The same with the communication step of metrics.
     fine: Settings,
     whole: bool,
     /// Notes on how it is run.
@@ -50,12 +50,12 @@ pub struct Session {
     pub(super) out: PathBuf,
     /// Lock for one run at a time, if FMUs of other tools allow no more.
     turn: Option<Mutex<()>>,
-    /// The newest request of each page: older ones end.
+    /// Number of the newest request of each page; older ones end.
     newest: Mutex<HashMap<String, u64>>,
     is_ending: AtomicBool,
     /// Each run holds it.
     running: Arc<()>,
-    /// True if FMUs that are exported hold terminals.
+    /// True if exported FMUs have terminals.
     pub(super) terminals: bool,
 }
 
@@ -68,10 +68,10 @@ pub(super) struct Wanted {
     pub page: String,
     #[serde(default)]
     pub number: u64,
-    /// True if metrics are to be measured as `run` measures them, not about.
+    /// True to measure metrics exactly as `run` does.
     #[serde(default)]
     pub fine: bool,
-    /// The case; the loop as it is without one.
+    /// The case; none for the loop as it is.
     pub case: Option<String>,
     /// Numbers, truth values, and names of an enumeration's items.
     pub values: BTreeMap<String, Value>,
@@ -81,7 +81,7 @@ pub(super) struct Wanted {
     /// Name of files to be written.
     #[serde(default)]
     pub name: String,
-    /// True if they replace those that are there.
+    /// True to replace existing files.
     #[cfg(not(target_family = "wasm"))]
     #[serde(default)]
     pub replace: bool,
@@ -95,8 +95,8 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Session {
-    /// A session of a loop, the first of `bases`, and of its cases; `plain` is the loop as its files have it. Each change is
-    /// run by the first settings, and, when the user pauses, by the others, which differ in their communication step.
+    /// A session of a loop, the first of `bases`, and of its cases; `plain` is the loop of its files. Each change runs
+    /// with the first settings, and with the others when the user pauses; these differ in their communication step.
     pub fn new(
         bases: Vec<Base>,
         plain: &LoadedLoop,
@@ -133,7 +133,7 @@ impl Session {
         Session { terminals, ..self }
     }
 
-    /// Ends all runs, and waits until their units are freed, but not for ever.
+    /// Ends all runs, and waits for a limited time until their components are freed.
     pub fn end(&self) {
         self.is_ending.store(true, Ordering::SeqCst);
         let begun = Instant::now();
@@ -175,7 +175,7 @@ impl Session {
     /// The case and the values that are asked for, with their parameters.
     ///
     /// # Errors
-    /// For a name that isn't there, or a value of another type.
+    /// A name that doesn't exist, or a value of another type.
     pub(super) fn find(&self, wanted: &Wanted) -> Result<(&Base, Chosen<'_>), String> {
         let base = self.bases.iter().find(|base| base.name == wanted.case);
         let case = wanted.case.as_deref().unwrap_or_default();
@@ -191,7 +191,7 @@ impl Session {
         Ok((base, wanted.values.iter().map(value).collect::<Result<_, String>>()?))
     }
 
-    /// True if a page has asked for nothing since.
+    /// True if the page has made no newer request.
     fn is_newest(&self, wanted: &Wanted) -> bool {
         let is_newest = locked(&self.newest).get(&wanted.page).is_none_or(|&number| number <= wanted.number);
         is_newest && !self.is_ending.load(Ordering::SeqCst)
@@ -257,7 +257,7 @@ impl Session {
         Ok(answer)
     }
 
-    /// Waits until a run may begin; none where nobody waits for it any more.
+    /// Waits until a run may begin; none if the page no longer waits for it.
     fn turn(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Option<Option<MutexGuard<'_, ()>>> {
         let Some(turn) = &self.turn else { return Some(None) };
         let mut told = Instant::now();
@@ -309,7 +309,7 @@ impl Session {
     }
 }
 
-/// The unit that an error comes from, and its message.
+/// The component that an error comes from, and its message.
 fn unit_and_message(error: &Error) -> (&str, String) {
     match error {
         Error::Unit { unit, function, message, .. } => {
@@ -335,13 +335,13 @@ fn refused(error: &Error, wanted: &Wanted) -> Value {
 }
 
 impl Wanted {
-    /// The places of the changes during the run whose variables an error is about.
+    /// The places of the changes during the run that an error is about.
     fn events_of(&self, error: &Error) -> Vec<usize> {
         (0..self.events.len()).filter(|&place| is_about(error, &self.events[place].name)).collect()
     }
 }
 
-/// True if a message names a variable, and not one whose name is longer.
+/// True if a message names a variable, and not one with a longer name.
 fn names(message: &str, name: &str) -> bool {
     let is_part = |c: char| c.is_alphanumeric() || "_[".contains(c);
     message.match_indices(name).any(|(place, _)| {

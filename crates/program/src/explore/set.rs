@@ -1,4 +1,4 @@
-//! The parameter set of what was chosen.
+//! The parameter set of the chosen values.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,8 @@ use crate::tuning::typed_set;
 /// The longest name of a set.
 const LONGEST: usize = 60;
 
-/// A name that a file may have on any system: letters, digits, `_`, `-`, spaces and dots, none in front.
+/// Checks that a file may have this name on any system: letters, digits, `_`, `-`, spaces and dots, none of them in
+/// front.
 pub(super) fn plain(name: &str) -> Result<&str, String> {
     let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || "_-. ".contains(c));
     if name.is_empty()
@@ -27,7 +28,7 @@ pub(super) fn plain(name: &str) -> Result<&str, String> {
 }
 
 impl Session {
-    /// The parameter set of what differs from the loop as its files have it, with which `run --case` runs it.
+    /// The parameter set of all differences from the loop of the files, for `run --case`.
     pub(super) fn set(&self, wanted: &Wanted) -> Result<String, String> {
         let name = plain(&wanted.name)?;
         let (base, values) = self.find(wanted)?;

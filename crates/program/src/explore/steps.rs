@@ -1,11 +1,11 @@
-//! Values that variables get while a loop runs, as a page has them.
+//! Changes of variables during a run, from a page.
 
 use serde::Deserialize;
 
 use crate::simulation::{Change, LoadedLoop};
 use crate::structure::{Event, Origin, Settings, within_run};
 
-/// An event as a page has it.
+/// An event of a page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Step {
@@ -25,10 +25,10 @@ pub(super) struct Steps {
 }
 
 impl Steps {
-    /// The events that a page asks for.
+    /// Converts the events of a page.
     ///
     /// # Errors
-    /// The place of one that can't be, and why.
+    /// The place of an event that is refused, and the reason.
     pub fn new(loaded: &LoadedLoop, asked: &[Step], settings: Settings) -> Result<Self, (usize, String)> {
         const ARGUMENT: &str = "--event";
         let mut steps = Self::default();

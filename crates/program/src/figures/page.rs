@@ -5,9 +5,9 @@ use std::fmt::Write;
 use super::diagram::{Diagram, groups};
 use crate::drawing::escaped;
 
-/// A browser that obeys this loads nothing from anywhere.
+/// Policy with which a browser loads nothing.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:";
-/// A browser that obeys this loads nothing, and runs nothing.
+/// Policy with which a browser loads nothing, and runs nothing.
 const STILL: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 /// Style of pages.
 pub const STYLE: &str = "
@@ -90,11 +90,11 @@ pub fn still_ending() -> String {
     format!("<p>Made by adaptive-fmu {version}, from runs of FMUs.</p>\n</body>\n</html>\n")
 }
 
-/// Adds diagrams to a page, each as the numbers that [`SCRIPT`] draws it of.
+/// Adds diagrams to a page, each as data that [`SCRIPT`] draws.
 pub(crate) fn push_diagrams(page: &mut String, diagrams: &[Diagram]) {
     let groups = groups(diagrams.iter().map(|diagram| diagram.curves.len()).sum());
     for diagram in diagrams {
-        // Whatever a name holds, it ends no script.
+        // No text of a name can end the script.
         let numbers = diagram.with_points(groups).to_string().replace('<', "\\u003c");
         let _ = writeln!(
             page,
@@ -104,7 +104,7 @@ pub(crate) fn push_diagrams(page: &mut String, diagrams: &[Diagram]) {
     }
 }
 
-/// A page up to its title and what it is about.
+/// A page up to its title and its subject.
 pub(crate) fn beginning(name: &str, description: &str) -> String {
     let (name, description) = (escaped(name), escaped(description));
     format!(

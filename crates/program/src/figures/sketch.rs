@@ -1,4 +1,4 @@
-//! A sketch of a diagram for the terminal, of Unicode's Braille patterns: two by four dots a character.
+//! Sketches of diagrams for the terminal, in Unicode's Braille patterns: two by four dots a character.
 
 use super::diagram::{padded_range, thinned};
 use crate::report::number;
@@ -78,7 +78,7 @@ mod tests {
         let lines = sketch(vec![0.0, 1.0, 2.0]);
         assert_eq!(lines[0], "output (a.y)");
         assert_eq!(lines.len(), 2 + HEIGHT / DOTS.1);
-        // Above and below is a margin; what is marked goes up by equal steps.
+        // There are margins above and below; marked dots go up by equal steps.
         let marked = |line: &str| line.chars().position(|c| ('\u{2801}'..='\u{28ff}').contains(&c));
         let places: Vec<_> = lines[1..=HEIGHT / DOTS.1].iter().rev().filter_map(|line| marked(line)).collect();
         assert!(places.len() > 11 && places.is_sorted(), "{lines:#?}");

@@ -9,7 +9,7 @@ use crate::figures::labelled;
 
 /// Points of an ellipse.
 const POINTS: usize = 72;
-/// 99 % of normal numbers are within so many standard deviations.
+/// Standard deviations that contain 99 % of normal numbers.
 const NORMAL: f64 = 2.576;
 /// Free space on both sides of poles, as a part of the range.
 const MARGIN: f64 = 0.06;
@@ -43,7 +43,7 @@ impl Figure {
     }
 }
 
-/// Poles with the ellipses that contain them with a confidence, intervals of those that are real.
+/// Poles with the ellipses that contain them with a confidence; real ones have intervals.
 pub fn poles(poles: &[Pole], level: f64) -> Figure {
     let [interval, plane] = [1, 2].map(|freedom| chi_squared(level, freedom).sqrt());
     let mut lines = Vec::new();
@@ -67,7 +67,8 @@ pub fn poles(poles: &[Pole], level: f64) -> Figure {
     Figure::new("Poles".to_owned(), &labelled("real part", "1/s"), &labelled("imaginary part", "rad/s"), lines)
 }
 
-/// The ellipse of a pole, its half axes so many standard deviations: a Cholesky factor of its covariance maps unit vectors to it.
+/// The ellipse of a pole with half axes of so many standard deviations. A Cholesky factor of its covariance maps unit
+/// vectors to it.
 fn ellipse(pole: &Pole, size: f64) -> Vec<(f64, Option<f64>)> {
     let [along, across, both] = pole.covariance;
     let first = along.max(0.0).sqrt();

@@ -1,4 +1,4 @@
-//! Diagrams over time: signals as they were measured and as the model simulates them, and the disturbance.
+//! Diagrams over time: measured and simulated signals, and the disturbance.
 
 use std::borrow::Cow;
 

@@ -1,5 +1,5 @@
-//! The page of an identification: measured and simulated signals, residuals, poles and frequency responses with what the records leave
-//! uncertain, in one file that loads nothing.
+//! The page of an identification, in one file that loads nothing: measured and simulated signals, residuals, and poles
+//! and frequency responses with their uncertainty.
 
 mod charts;
 mod courses;
@@ -14,9 +14,9 @@ use crate::drawing::{CHARTS, escaped};
 use crate::figures::{beginning, ending, push_diagrams};
 use crate::report::number;
 
-/// Signals of records that are shown at most.
+/// The most signals of records that are shown.
 const MOST_DIAGRAMS: usize = 40;
-/// Charts stand side by side where there is room.
+/// Charts are next to each other if there is space.
 const STYLE: &str = "
   .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(30em, 1fr)); gap: 0 1.5em; }
   figure { margin: 0.8em 0; }
@@ -30,7 +30,7 @@ const STYLE: &str = "
 pub struct Table {
     /// Title.
     pub title: String,
-    /// Heads of the columns. The first column has names.
+    /// Headings of the columns. The first column has names.
     pub heads: Vec<&'static str>,
     /// Its rows.
     pub rows: Vec<Vec<String>>,
@@ -45,7 +45,7 @@ pub struct Said {
     pub text: String,
 }
 
-/// An identification, as its page shows it.
+/// An identification for its page.
 #[derive(Debug)]
 pub struct Report<'a> {
     /// Name of the model.
@@ -60,11 +60,11 @@ pub struct Report<'a> {
     pub tables: Vec<Table>,
     /// Findings.
     pub findings: Vec<Said>,
-    /// The linear model, if there is one.
+    /// The linear model, if any.
     pub model: Option<&'a Model>,
     /// Its poles.
     pub poles: &'a [Pole],
-    /// Correlations of the residuals, where they are known.
+    /// Correlations of the residuals, if known.
     pub correlations: Option<&'a Correlations>,
     /// Start of each window of the held-out part, and the disturbance as inputs there.
     pub disturbance: &'a [(f64, Vec<f64>)],

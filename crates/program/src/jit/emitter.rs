@@ -1,6 +1,6 @@
-//! Recorded operations as the compiler takes them: the same arithmetic, in the same order, one operation each.
+//! Recorded operations for the compiler: the same arithmetic, in the same order, one operation each.
 //!
-//! What is given, and what is a constant, is fetched where it is used: so it needs no register in between.
+//! Arguments and constants are fetched where they are used, so that they occupy no register in between.
 
 use std::collections::HashMap;
 
@@ -77,7 +77,7 @@ impl<'a> Emitter<'a> {
         Emitter { cursor, callees, pointer, given, signatures }
     }
 
-    /// Computes and writes, and returns whether a condition holds, where one is given.
+    /// Computes and writes; returns the value of a condition, if one is given.
     pub fn write(mut self, operations: &[Operation], written: &[Written], condition: Option<Node>) -> Answer {
         let wanted =
             written.iter().flat_map(|to| to.writes).map(|(_, node)| *node).chain(condition).collect::<Vec<_>>();
@@ -156,7 +156,7 @@ impl<'a> Emitter<'a> {
         self.cursor.ins().f64const(value)
     }
 
-    /// An operation, where those before it are found, and what an iteration carries is at hand.
+    /// Writes an operation whose arguments, and values that an iteration carries, are known.
     fn operation(&mut self, operation: &Operation, found: &[Found], carried: &[Value]) -> Answer<Found> {
         let of = |node: &Node| found.get(node.index()).unwrap_or(&Found::Nothing);
         Ok(Found::Real(match operation {
@@ -241,7 +241,7 @@ impl<'a> Emitter<'a> {
         })
     }
 
-    /// Products of squares, as every compiler of the equations has them.
+    /// Writes a product of squares, like every compiler of the equations.
     fn power(&mut self, x: Value, exponent: i32) -> Value {
         let (mut rest, mut square, mut power) = (exponent.unsigned_abs(), x, None);
         loop {
@@ -268,7 +268,7 @@ impl<'a> Emitter<'a> {
         self.cursor.func.dfg.first_result(call)
     }
 
-    /// A loop: the state that it reaches.
+    /// Writes a loop, and returns its final state.
     fn iteration(&mut self, body: &Body, most: usize, start: &[Value], captured: Vec<Value>) -> Answer<Vec<Value>> {
         let [head, step, end] = [(); 3].map(|()| self.cursor.func.dfg.make_block());
         let count = self.cursor.func.dfg.append_block_param(head, I64);
@@ -344,7 +344,7 @@ impl Pending {
         pending
     }
 
-    /// True if what is given is overwritten later.
+    /// True if an argument is overwritten later.
     fn is_overwritten(&self, operation: &Operation) -> bool {
         matches!(operation, Operation::Leaf(leaf) if self.overwritten.binary_search(leaf).is_ok())
     }

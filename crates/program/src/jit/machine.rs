@@ -21,7 +21,7 @@ use crate::recording::{Leaf, Node, Operation};
 /// Alignment of the first instruction of a function, bytes.
 const ALIGNMENT: usize = 64;
 
-/// A kernel, and the memory that its code is in.
+/// A kernel, and the memory of its code.
 #[derive(Debug)]
 pub struct Compiled {
     kernel: Kernel,
@@ -42,7 +42,7 @@ impl Compiled {
     /// Compiles only the evaluation of the equations, which is needed soon.
     ///
     /// # Errors
-    /// As [`Compiled::of`].
+    /// See [`Compiled::of`].
     pub fn evaluation(functions: &Functions) -> Result<Self, String> {
         Self::made(functions, false)
     }
@@ -57,7 +57,7 @@ impl Compiled {
         let solver = functions.solver.as_ref().filter(|_| whole).map(|solver| assembly.solver(solver)).transpose()?;
         let code = in_memory(&assembly.code)?;
         let at = |place: usize| code[place..].as_ptr();
-        // SAFETY: each function was compiled for the signature that its type has.
+        // SAFETY: each function was compiled for the signature of its type.
         let code_of = unsafe {
             Code {
                 outputs: transmute::<*const u8, Evaluate>(at(outputs)),
@@ -73,7 +73,7 @@ impl Compiled {
         Ok(Compiled { kernel, _code: code, _slopes: slopes })
     }
 
-    /// The kernel, which is used no longer than this lives.
+    /// The kernel, which must not outlive this.
     pub fn kernel(&self) -> &Kernel {
         &self.kernel
     }
@@ -89,10 +89,10 @@ fn because(reason: impl Display) -> String {
     reason.to_string()
 }
 
-/// The processor that this process runs on, for code that is made so well.
+/// The processor of this process, as a target with this level of optimisation.
 fn own_isa(level: &str) -> Result<OwnedTargetIsa, String> {
     let mut flags = settings::builder();
-    // Large frames are touched page by page, as some systems ask.
+    // Some systems require that large frames are touched page by page.
     let probes = [("enable_probestack", "true"), ("probestack_strategy", "inline")];
     let plain = [("opt_level", level), ("enable_verifier", "false"), ("unwind_info", "false")];
     for (name, value) in probes.into_iter().chain(plain) {
@@ -102,7 +102,7 @@ fn own_isa(level: &str) -> Result<OwnedTargetIsa, String> {
     builder.finish(settings::Flags::new(flags)).map_err(because)
 }
 
-/// Code in memory that can be executed, and no longer written.
+/// Code in memory that is executable, and no longer writable.
 fn in_memory(code: &[u8]) -> Result<Mmap, String> {
     let refused = |error: std::io::Error| format!("the system refuses memory for code: {error}");
     let mut memory = MmapMut::map_anon(code.len()).map_err(refused)?;
@@ -129,7 +129,7 @@ struct Assembly<'a> {
 type Operations<'a> = (&'a [Operation], Option<Node>);
 
 impl<'a> Assembly<'a> {
-    /// Signals, or signals and rates; where the function begins.
+    /// Compiles signals, or signals and rates; returns the start of the function.
     fn evaluation(&mut self, with_rates: bool) -> Result<usize, String> {
         let pointer = self.isa.pointer_type();
         let Functions { equations, signals, rates, .. } = self.functions;
@@ -141,7 +141,7 @@ impl<'a> Assembly<'a> {
         })
     }
 
-    /// The Jacobian, and the rates' change by time; inputs without slopes have those given.
+    /// Compiles the Jacobian, and the rates' change by time. Inputs without slopes have those of `still`.
     fn jacobian(&mut self, still: &[f64]) -> Result<Option<usize>, String> {
         let pointer = self.isa.pointer_type();
         let Functions { equations, jacobian: Some([entries, by_time]), .. } = self.functions else { return Ok(None) };
@@ -173,7 +173,7 @@ impl<'a> Assembly<'a> {
         Ok([decompose, solve])
     }
 
-    /// Compiles one function, of what its parameters are taken for; where it begins.
+    /// Compiles one function and returns its start. `body` assigns a meaning to its parameters.
     fn function<const N: usize>(
         &mut self,
         parameters: [Type; N],

@@ -1,4 +1,4 @@
-//! Axes of diagrams: the words at them, their ranges and their ticks.
+//! Axes of diagrams: their labels, ranges and ticks.
 
 use std::collections::BTreeSet;
 
@@ -22,9 +22,9 @@ const QUANTITIES: &[(&str, &[&str])] = &[
     ("time", &["s", "ms", "min", "h"]),
     ("frequency", &["Hz", "kHz"]),
 ];
-/// More units than these at one axis can't be read.
+/// The most units at one axis: more can't be read.
 const MOST_UNITS: usize = 2;
-/// An axis of magnitudes ends at the latest so far below its largest value.
+/// Least lower end of an axis of magnitudes, in parts of its upper end.
 const LEAST_PART: f64 = 1e-9;
 /// Factor by which it exceeds its largest value.
 const ABOVE: f64 = 1.5;
@@ -44,7 +44,7 @@ pub fn printed_unit(unit: &str) -> String {
     printed
 }
 
-/// A quantity with its unit in parentheses; a dash stands for a plain number, nothing for a unit that isn't known.
+/// A quantity with its unit in parentheses: a dash for a plain number, nothing for an unknown unit.
 pub fn labelled(quantity: &str, unit: &str) -> String {
     match unit {
         "" => quantity.to_owned(),
@@ -53,7 +53,7 @@ pub fn labelled(quantity: &str, unit: &str) -> String {
     }
 }
 
-/// The words at the axis of values: what the units are of, or what the title begins with.
+/// The label of the axis of values: the quantities of the units, or the beginning of the title.
 pub fn value_label(title: &str, units: &BTreeSet<&str>, errors: bool) -> String {
     let told: Vec<&str> = units.iter().copied().filter(|unit| !unit.is_empty()).collect();
     let title = title.rsplit(": ").next().unwrap_or(title);
@@ -69,7 +69,7 @@ pub fn value_label(title: &str, units: &BTreeSet<&str>, errors: bool) -> String 
     }
 }
 
-/// Smallest and largest of some values, a little apart.
+/// Smallest and largest of some values, with a margin.
 pub fn padded_range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let finite = values.filter(|value| value.is_finite());
     let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
@@ -80,8 +80,8 @@ pub fn padded_range<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
-/// The range of an axis of magnitudes: from the decade in which all but a hundredth of the values above 0 lie to a little
-/// above the largest.
+/// The range of an axis of magnitudes: from the decade of the lowest values above 0, without a hundredth of them, to a
+/// little above the largest.
 pub fn decades<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     let mut above: Vec<f64> = values.copied().filter(|value| value.is_finite() && *value > 0.0).collect();
     let Some(largest) = above.iter().copied().max_by(f64::total_cmp) else { return (0.1, 1.0) };
@@ -91,7 +91,7 @@ pub fn decades<'a>(values: impl Iterator<Item = &'a f64>) -> (f64, f64) {
     (low.max(high * LEAST_PART), high)
 }
 
-/// An axis: its range, and whether it is logarithmic.
+/// An axis: its range and spacing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
     /// Lower end; above 0 on a logarithmic axis.
@@ -108,7 +108,7 @@ impl Axis {
         Axis { low, high: if high > low { high } else { low + 1.0 }, logarithmic: false }
     }
 
-    /// The part of its length at which a value lies; a value that a logarithm can't take lies far below.
+    /// The part of its length at which a value is; values without a logarithm are far below.
     pub fn place(&self, value: f64) -> f64 {
         self.places()(value)
     }
@@ -124,7 +124,7 @@ impl Axis {
         }
     }
 
-    /// Round numbers within it, about so many, as they are written.
+    /// About so many round numbers within it, with their texts.
     pub fn ticks(&self, count: f64) -> Vec<(f64, String)> {
         let Axis { low, high, logarithmic } = *self;
         if logarithmic {
@@ -142,7 +142,7 @@ impl Axis {
     }
 }
 
-/// A multiple of a step, with as many digits as the step has.
+/// A multiple of a step, with as many digits as the step.
 fn written(value: f64, step: f64, largest: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();

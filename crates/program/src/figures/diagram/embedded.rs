@@ -1,5 +1,5 @@
-//! A diagram as data: for the script of a page, with as many points as a reader can zoom to, and for programs that have the
-//! signals.
+//! Diagrams as data: for the script of a page, with as many points as a reader can zoom to, and for programs that have
+//! the signals.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::thinned::{simplified, thinned};
 use super::{Curve, Diagram, Peak};
 
-/// Groups of points that all curves of a page share, and the most and the least of a curve.
+/// Groups of points for all curves of a page, and the most and the least for a curve.
 const GROUPS: usize = 13_000;
 const MOST_GROUPS: usize = 4000;
 const LEAST_GROUPS: usize = 100;
@@ -16,9 +16,9 @@ const LEAST_GROUPS: usize = 100;
 const FINE: usize = 50;
 /// Largest distance of a line between points from the curve, in parts of the height of the diagram.
 const DISTANCE: f64 = 2e-4;
-/// Parts of the time that have a point each, where one was recorded: a reader sees its value.
+/// Parts of the time that each have a point, if one was recorded, so that a reader sees its value.
 const PARTS: usize = 200;
-/// Points are chosen on so wide a screen of height 1 that their distances from lines are those of values.
+/// Width of the screen of height 1 on which points are chosen: so wide that distances from lines are those of values.
 const WIDTH: f64 = 1e4;
 /// Digits of numbers.
 const DIGITS: usize = 6;
@@ -59,7 +59,7 @@ impl Diagram<'_> {
                 "peak": self.peak, "marks": self.marks, "parts": self.parts(), "curves": curves })
     }
 
-    /// Points of a curve. All groups of a peak are there: it is seen on two scales.
+    /// Points of a curve. All groups of a peak are there, as it appears on two scales.
     fn points(&self, curve: &Curve, groups: usize) -> Vec<(f64, f64)> {
         let rows = curve.values.len().min(curve.times.len());
         let place = |time: f64| curve.times.partition_point(|other| *other <= time).min(rows);
@@ -69,7 +69,7 @@ impl Diagram<'_> {
         let chosen = |rows: std::ops::Range<usize>, groups: usize| {
             thinned(&curve.times[rows.clone()], &curve.values[rows], groups.max(1))
         };
-        // A smooth curve needs few of its points; only one that doesn't is thinned by groups.
+        // A smooth curve needs few of its points; only others are thinned by groups.
         let few = |rows: std::ops::Range<usize>| {
             let seen = |points: Vec<_>| self.seen(&points, (from, to), PARTS.min(groups / 2));
             let points = seen(chosen(rows.clone(), groups * FINE));

@@ -1,5 +1,5 @@
-//! Diagrams: which curves are references, colours, dashes, axes and what is shown of a first peak are decided here, for SVG
-//! files, pages and programs that draw by themselves.
+//! Diagrams for SVG files, pages, and programs that draw themselves. References, colours, dashes, axes and the range of
+//! a first peak are decided here.
 
 mod axis;
 mod embedded;
@@ -25,15 +25,15 @@ use style::styles;
 
 use crate::structure::{PerformanceFunction, Scale};
 
-/// The part of the time that a peak at the start or at the end may take.
+/// The largest part of the time of a peak at the start or at the end.
 const PART: f64 = 0.05;
-/// A peak is so many times as large as anything else.
+/// Ratio of a peak to all other values.
 const PEAK: f64 = 4.0;
 /// Part of a peak below which values are rounding errors.
 const NOTHING: f64 = 1e-9;
 /// Ratio of the values above which an automatic axis is logarithmic.
 const DECADES: f64 = 100.0;
-/// The time that is shown of a peak is so many times as long as it lasts.
+/// Ratio of the time that is shown of a peak to its duration.
 const AROUND_PEAK: f64 = 1.6;
 
 /// The signals that a curve shows, for programs that have them.
@@ -65,7 +65,7 @@ impl Shown {
     }
 }
 
-/// A curve before it is decided how it is drawn.
+/// A curve before its style is decided.
 #[derive(Debug, Clone)]
 pub struct Given<'a> {
     /// Its name.
@@ -76,7 +76,7 @@ pub struct Given<'a> {
     pub part: Part,
     /// Signals that it shows.
     pub shown: Shown,
-    /// Times, or what else the diagram goes over.
+    /// Times, or another abscissa.
     pub times: Cow<'a, [f64]>,
     /// Its values.
     pub values: Cow<'a, [f64]>,
@@ -91,13 +91,13 @@ pub struct Curve<'a> {
     pub style: Style,
     /// Signals that it shows.
     pub shown: Shown,
-    /// Times, or what else the diagram goes over.
+    /// Times, or another abscissa.
     pub times: Cow<'a, [f64]>,
     /// Its values.
     pub values: Cow<'a, [f64]>,
 }
 
-/// A peak at the start, or at the end of a loop that is lost, in whose range the rest would be flat.
+/// A peak at the start, or at the end of an unstable loop, next to which the rest would appear flat.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Peak {
     /// Time at which it begins.
@@ -112,7 +112,7 @@ pub struct Peak {
     pub high: f64,
 }
 
-/// A diagram: what is drawn, and how.
+/// A diagram: curves and their presentation.
 #[derive(Debug, Clone)]
 pub struct Diagram<'a> {
     /// Title.
@@ -121,11 +121,11 @@ pub struct Diagram<'a> {
     pub x: String,
     /// Words at the axis of values.
     pub y: String,
-    /// The ends of a logarithmic axis of values; none where it is linear.
+    /// The ends of a logarithmic axis of values; none for a linear one.
     pub decades: Option<(f64, f64)>,
     /// Its curves in the order of the legend.
     pub curves: Vec<Curve<'a>>,
-    /// The peak that is shown by itself.
+    /// The peak that has its own part.
     pub peak: Option<Peak>,
     /// Times at which variables got values.
     pub marks: Vec<Mark>,
@@ -140,13 +140,13 @@ pub struct Mark {
     pub text: String,
 }
 
-/// The words at the axis of time.
+/// The label of the axis of time.
 pub fn time_label() -> String {
     labelled("time", "s")
 }
 
 impl<'a> Diagram<'a> {
-    /// Decides how curves are drawn. Errors are differences of signals.
+    /// Decides the styles of curves. Errors are differences of signals.
     pub fn new(title: &str, x: &str, scale: Scale, given: Vec<Given<'a>>) -> Self {
         let units: BTreeSet<&str> = given.iter().map(|curve| curve.unit.as_str()).collect();
         let errors = given.iter().filter(|curve| curve.shown.funnel.is_none());
@@ -207,7 +207,7 @@ impl<'a> Diagram<'a> {
         }
     }
 
-    /// The axis of values of what lies between two times.
+    /// The axis of values between two times.
     pub fn axis(&self, from: f64, to: f64) -> Axis {
         if let Some((low, high)) = self.decades {
             return Axis { low, high, logarithmic: true };
@@ -215,7 +215,7 @@ impl<'a> Diagram<'a> {
         Axis::linear(padded_range(self.curves.iter().flat_map(|curve| curve.values[curve.rows(from, to)].iter())))
     }
 
-    /// A peak within the first or the last part of the time that is many times as large as anything else.
+    /// A peak in the first or the last part of the time that is many times as large as anything else.
     fn find_peak(&self) -> Option<Peak> {
         let (start, end) = self.span();
         let length = PART * (end - start);
@@ -231,7 +231,7 @@ impl<'a> Diagram<'a> {
         Some(Peak { from, until: end, ..peak })
     }
 
-    /// A peak within some of the time: the times at which values are outside of the range of the rest, and how large it is.
+    /// A peak within some of the time: the times at which values are outside of the range of the rest, and its value.
     fn peak_within(&self, within: impl Fn(f64) -> bool) -> Option<(Vec<f64>, Peak)> {
         let points = || self.curves.iter().flat_map(|curve| curve.times.iter().zip(curve.values.iter()));
         let finite = || points().filter(|(_, value)| value.is_finite());

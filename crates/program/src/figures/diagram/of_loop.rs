@@ -1,5 +1,5 @@
-//! The diagrams of a run: what its loop plots, and the errors of its metrics in their funnels. Which signals are references
-//! follows from the loop.
+//! The diagrams of a run: the plots of its loop, and the errors of its metrics in their funnels. The loop determines
+//! the references.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -62,7 +62,7 @@ fn column<'a>(recording: &'a Recording, name: &str) -> Result<&'a [f64], String>
     recording.column(name).ok_or_else(|| format!("there is no signal `{name}`"))
 }
 
-/// The diagram of a plot over what its recording goes over.
+/// The diagram of a plot over the abscissa of its recording.
 ///
 /// # Errors
 /// When it names a signal that isn't there.
@@ -81,7 +81,7 @@ pub fn of_plot<'a>(x: &str, plot: &Plot, parts: &[Part], recording: &'a Recordin
     Ok(Diagram::new(&plot.title, x, plot.scale, given))
 }
 
-/// The diagrams of a run; of what each unit hands on, where its loop plots nothing.
+/// The diagrams of a run; those of all outputs that components pass on, if its loop has no plots.
 ///
 /// # Errors
 /// When one names a signal that isn't there.
@@ -106,7 +106,7 @@ pub fn diagrams<'a>(structure: &Structure, recording: &'a Recording) -> Result<V
     Ok(diagrams)
 }
 
-/// Magnitudes of the errors that are to stay below a funnel.
+/// Magnitudes of the errors with a funnel as a limit.
 fn in_funnel<'a>(
     title: &str,
     structure: &Structure,
@@ -135,7 +135,7 @@ fn in_funnel<'a>(
     Ok(Diagram::new(title, &time_label(), Scale::Logarithmic, given))
 }
 
-/// The funnel as a curve: what magnitudes are to stay below.
+/// The funnel as a curve: the limit of magnitudes.
 pub fn bound(funnel: PerformanceFunction, times: &[f64]) -> Given<'_> {
     let start = times.first().copied().unwrap_or_default();
     Given {

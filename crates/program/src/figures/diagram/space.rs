@@ -13,7 +13,7 @@ const FONT: f64 = 15.0;
 /// View: angles about the axis that points up, and above the plane, in degrees.
 const TURN: f64 = 35.0;
 const ABOVE: f64 = 22.0;
-/// Pixels of an edge of the cube that it is drawn in.
+/// Length of an edge of the cube around it, pixels.
 const EDGE: f64 = 235.0;
 const TENTHS: f64 = 10.0;
 const GREY: &str = "#444";
@@ -29,7 +29,7 @@ pub struct Path {
     pub points: Vec<[f64; 3]>,
 }
 
-/// A point of the unit cube on the sheet.
+/// Projection of a point of the unit cube on the sheet.
 fn seen([x, y, z]: [f64; 3]) -> (f64, f64) {
     let (turn, above) = (TURN.to_radians(), ABOVE.to_radians());
     let (x, y, z) = (x - 0.5, y - 0.5, z - 0.5);
@@ -71,7 +71,7 @@ pub fn space(paths: &[Path], axes: &[String; 3], down: bool) -> String {
     sheet(WIDTH, HEIGHT, FONT, &body, true)
 }
 
-/// Lines on the three faces behind, numbers and names at the edges in front.
+/// Draws lines on the three faces behind, and numbers and names at the edges in front.
 fn grid(body: &mut String, ranges: &[Axis; 3], axes: &[String; 3], place: impl Fn(usize, f64) -> f64) {
     let mut lines = String::new();
     let mut segment = |from: [f64; 3], to: [f64; 3]| {
@@ -82,7 +82,7 @@ fn grid(body: &mut String, ranges: &[Axis; 3], axes: &[String; 3], place: impl F
     for (k, axis) in ranges.iter().enumerate() {
         for (value, words) in axis.ticks(4.0) {
             let at = place(k, value);
-            // The faces behind are those at x = 1 … of the largest depth: y = 1, x = 1, and the floor.
+            // The faces behind are y = 1, x = 1, and the floor.
             let (edges, outside): ([[f64; 3]; 3], [f64; 3]) = match k {
                 0 => ([[at, 0.0, 0.0], [at, 1.0, 0.0], [at, 1.0, 1.0]], [at, -0.06, -0.05]),
                 1 => ([[0.0, at, 0.0], [1.0, at, 0.0], [1.0, at, 1.0]], [-0.06, at, -0.05]),
@@ -101,7 +101,7 @@ fn grid(body: &mut String, ranges: &[Axis; 3], axes: &[String; 3], place: impl F
     }
 }
 
-/// The edges of the cube, but for those in front of the paths.
+/// Draws the edges of the cube, but for those in front of the paths.
 fn edges() -> String {
     let corners = |corners: &[[f64; 3]]| {
         let places = corners.iter().map(|corner| seen(*corner)).map(|(x, y)| format!("{x:.1} {y:.1}"));

@@ -1,10 +1,10 @@
-//! Colours and dashes of the curves of a diagram: no two share both, and a reference has the colour of what follows it.
+//! Colours and dashes of the curves of a diagram: no two share both, and a reference has the colour of its signal.
 
 /// Colours of M. Okabe and K. Ito, which people with any colour vision can distinguish; without their yellow, which
 /// can't be read on white. Black is the last.
 pub const COLOURS: [&str; 7] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"];
 const BLACK: &str = "#000000";
-/// Dashes of references, in pixels: a line, a gap, and so on. Where these don't suffice, further dots are added.
+/// Dashes of references, in pixels: a line, a gap, and so on. Further references have additional dots.
 const DASHED: [&[u32]; 3] = [&[8, 5], &[2, 4], &[8, 4, 2, 4]];
 
 /// Style of a curve.
@@ -12,9 +12,9 @@ const DASHED: [&[u32]; 3] = [&[8, 5], &[2, 4], &[8, 4, 2, 4]];
 pub struct Style {
     /// Its colour, as `#RRGGBB`.
     pub colour: &'static str,
-    /// Lengths of lines and gaps in pixels; none of a solid line.
+    /// Lengths of lines and gaps in pixels; empty for a solid line.
     pub dashes: Vec<u32>,
-    /// True if it lies beneath the others: that of a reference.
+    /// True if it is drawn beneath the others, as for a reference.
     pub beneath: bool,
 }
 
@@ -29,7 +29,7 @@ pub enum Part {
     Reference,
 }
 
-/// The styles of curves. References are dashed, other curves solid as long as there are colours.
+/// The styles of curves. References are dashed, other curves are solid as long as there are colours.
 pub fn styles(parts: &[Part]) -> Vec<Style> {
     let mut styles: Vec<Style> = Vec::with_capacity(parts.len());
     let own = |place: usize| parts[..place].iter().filter(|part| **part == Part::Own).count();
@@ -55,7 +55,7 @@ fn reference(colour: &'static str, before: &[Style]) -> Style {
     Style { colour, dashes, beneath: true }
 }
 
-/// A dash with so many dots behind it; no dashes where there are no dots.
+/// A dash with so many dots after it; no dashes without dots.
 fn dotted(dash: &[u32], dots: usize) -> Vec<u32> {
     if dots == 0 { Vec::new() } else { dash.iter().copied().chain([2, 4].repeat(dots)).collect() }
 }

@@ -26,7 +26,7 @@ const FIGURE: Sheet = Sheet { width: 640.0, height: 270.0, font: 15.0, beside: 0
 /// Mean width of a letter, in parts of its height, and the height of a line of text.
 const LETTER: f64 = 0.56;
 const LINE: f64 = 1.5;
-/// Coordinates of curves are whole tenths of a pixel.
+/// Number of units of a curve's whole coordinates in a pixel.
 const TENTHS: f64 = 10.0;
 /// Largest distance of a curve's line from its points, in tenths of a pixel.
 const DISTANCE: f64 = 2.0;
@@ -82,7 +82,7 @@ pub(super) fn text(out: &mut String, (x, y): (f64, f64), words: &str, how: &str)
     let _ = writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\"{before}{how}>{}</text>", escaped(words));
 }
 
-/// Words in lines of at most so many letters.
+/// Wraps words to lines of at most so many letters.
 fn wrapped(words: &str, most: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in words.split_whitespace() {
@@ -127,7 +127,7 @@ fn names<'a>(diagram: &'a Diagram) -> Vec<(&'a str, &'a Style)> {
     diagram.curves.iter().map(|curve| (curve.name.as_str(), &curve.style)).collect()
 }
 
-/// A diagram from this height on, and how high it is.
+/// Draws a diagram from this height on, and returns its height.
 fn drawn(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top: f64, titled: bool) -> f64 {
     let line = sheet.font * LINE;
     let mut axes = top + MARGIN;
@@ -148,7 +148,7 @@ fn drawn(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top: 
     legend(out, sheet.font, &names, (sheet.width * 0.1, bottom + line), sheet.width) + line - top
 }
 
-/// The axes of a diagram, with a peak on its own ones.
+/// Draws the axes of a diagram, with a peak on its own ones.
 fn panels(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top: f64) {
     let (parts, peak) = (diagram.parts(), diagram.peak_part());
     let axes: Vec<Axis> = parts.iter().map(|&(from, to)| diagram.axis(from, to)).collect();
@@ -181,7 +181,7 @@ fn panels(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top:
     text(out, (x, y), &diagram.y, &turned);
 }
 
-/// Axes with the place where they are drawn.
+/// Axes with their place on the sheet.
 struct Frame {
     left: f64,
     top: f64,
@@ -210,7 +210,7 @@ impl Frame {
             text(out, at, &words, "");
         }
         let _ = writeln!(out, "</g>\n<path d=\"{grid}\" fill=\"none\" stroke=\"#e4e4e4\"/>");
-        // What lies outside is cut off by an inner picture.
+        // An inner picture clips what is outside.
         let (wide, tall) = (width * TENTHS, height * TENTHS);
         let _ = writeln!(
             out,
@@ -240,7 +240,7 @@ impl Frame {
     /// A curve within it, in tenths of a pixel.
     fn path(&self, curve: &Curve) -> String {
         let rows = curve.rows(self.x.low, self.x.high);
-        // A neighbour on each side: lines go on to the border.
+        // A neighbour on each side extends lines to the border.
         let rows = rows.start.saturating_sub(1)..(rows.end + 1).min(curve.times.len().min(curve.values.len()));
         let points = thinned(&curve.times[rows.clone()], &curve.values[rows], (self.width / 0.7) as usize);
         let (wide, tall) = (self.width * TENTHS, self.height * TENTHS);
@@ -258,7 +258,7 @@ impl Frame {
     }
 }
 
-/// A line through points, in whole numbers and few of them.
+/// A line through points, in few whole numbers.
 pub(super) fn line(path: &mut String, points: &[(f64, f64)]) {
     let mut last: Option<(i64, i64)> = None;
     for place in simplified(points, DISTANCE) {
@@ -291,7 +291,7 @@ fn legend_width(font: f64, names: &[(&str, &Style)]) -> f64 {
     MARGIN + names.iter().map(|(name, _)| name_width(font, name)).fold(0.0, f64::max)
 }
 
-/// Names with samples of their lines, in lines up to this right end; how far down they go.
+/// Draws names with samples of their lines, in rows up to this right end. Returns how far down they extend.
 pub(super) fn legend(
     out: &mut String,
     font: f64,

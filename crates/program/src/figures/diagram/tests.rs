@@ -35,7 +35,7 @@ fn a_first_peak_is_shown_beside_what_it_would_flatten_and_nothing_is_left_out() 
     assert!(-1.3 < peak.low && peak.low < -1.0 && 1.0 < peak.high && peak.high < 1.3, "{peak:?}");
     let [start, rest] = diagram.parts()[..] else { panic!("two parts") };
     assert!(start.0 == 0.0 && rest.0 <= start.1 && rest.1 == 60.0, "every time is in one of them");
-    // Whatever is drawn lies within its axis.
+    // All curves are within their axes.
     for (from, to) in [start, rest] {
         let (axis, curve) = (diagram.axis(from, to), &diagram.curves[0]);
         assert!(curve.values[curve.rows(from, to)].iter().all(|value| (0.0..=1.0).contains(&axis.place(*value))));
@@ -114,7 +114,7 @@ fn points_for_a_page_are_few_and_lie_on_the_curve_as_far_as_a_reader_zooms() {
             }
             let part = (time - x[behind - 1]) / (x[behind] - x[behind - 1]);
             let line = y[behind - 1] + part * (y[behind] - y[behind - 1]);
-            // A thousandth of what is shown, also on the scale without the peak.
+            // This is a thousandth of the height, also on the scale without the peak.
             assert!((line - value).abs() <= 1e-3 * range + 1e-5 * value.abs(), "t = {time}: {line}, not {value}");
         }
     }

@@ -1,4 +1,4 @@
-//! Curves with as few points as can be seen.
+//! Curves with as few points as look the same.
 
 /// A curve of at most about twice as many points as groups. The smallest and the largest value of each group of
 /// neighbours stay, so no peak is lost. So do the first and the last point, and values that aren't finite.
@@ -22,9 +22,9 @@ pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> 
     kept.into_iter().map(|place| (times[place], values[place])).collect()
 }
 
-/// Places of those points of a line that keep it within a distance of all its points: the first and the last, and of every
-/// part the point that lies farthest from the straight line between its ends (U. Ramer; D. Douglas and T. Peucker). Points
-/// must be finite.
+/// Places of points of a line that stays within a distance of all its points: the first and the last, and of every part
+/// the farthest point from the straight line between its ends (U. Ramer; D. Douglas and T. Peucker). Points must be
+/// finite.
 pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
     let last = points.len().saturating_sub(1);
     let mut kept = vec![0];
@@ -40,8 +40,8 @@ pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
     kept
 }
 
-/// The point between two others that lies farthest from the line between them, the last of several, where that is farther
-/// than a distance.
+/// The farthest point from the line between two others, the last of several; none if no distance is larger than this
+/// one.
 fn farthest(points: &[(f64, f64)], (from, to): (usize, usize), distance: f64) -> Option<usize> {
     // There may be no points at all.
     let away = from_segment(*points.get(from)?, *points.get(to)?);
