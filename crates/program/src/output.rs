@@ -16,7 +16,7 @@ use tempfile::NamedTempFile;
 use crate::begun;
 use crate::error::Error;
 
-/// The end of the name of a file that isn't whole yet.
+/// Suffix of files that aren't whole yet.
 const PART: &str = ".part";
 /// Number of random characters before it.
 const RANDOM: usize = 6;
@@ -28,7 +28,7 @@ pub struct Files {
     written: Vec<Written>,
 }
 
-/// A file that is being written, piece by piece. Dropped, it leaves nothing.
+/// A file that is being written piece by piece. Dropped, it leaves nothing.
 #[derive(Debug)]
 pub struct Part {
     writer: BufWriter<NamedTempFile>,
@@ -37,7 +37,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// The file that it is to be, for messages.
+    /// Its final path, for messages.
     pub fn file(&self) -> &Path {
         &self.file
     }
@@ -70,7 +70,7 @@ struct Written {
 }
 
 impl Files {
-    /// Files for a folder that is there.
+    /// Files for an existing folder.
     pub fn at(folder: &Path) -> Self {
         Files { folder: begun::path(named(folder)), written: Vec::new() }
     }
@@ -91,10 +91,10 @@ impl Files {
         self.put(name.as_ref(), bytes.as_ref(), true)
     }
 
-    /// Adds a file that takes the place of none.
+    /// Adds a file that must not exist yet.
     ///
     /// # Errors
-    /// When it can't be written, or there is something of that name.
+    /// When it can't be written, or the name is taken.
     pub fn add_new(&mut self, name: impl AsRef<Path>, bytes: impl AsRef<[u8]>) -> Result<(), Error> {
         self.put(name.as_ref(), bytes.as_ref(), false)
     }
@@ -107,7 +107,7 @@ impl Files {
         self.part(name.as_ref(), true)
     }
 
-    /// Adds a file that was begun.
+    /// Adds a file that [`Files::begin`] returned.
     ///
     /// # Errors
     /// When it can't be written.
@@ -201,7 +201,7 @@ pub fn check(out: &Path, below: &str, names: &[&str]) -> Result<(), Error> {
     names.iter().try_for_each(|name| require_plain(&folder.join(name)))
 }
 
-/// A folder below another: no part of the way is a link.
+/// A folder below another, without any link on the way.
 fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
     if !below.components().all(|component| matches!(component, Component::Normal(_))) {
         return Err(refusal(&out.join(below), "would be outside the given folder"));
@@ -225,7 +225,7 @@ fn folder(out: &Path, below: &Path, make: bool) -> Result<PathBuf, Error> {
     Ok(path)
 }
 
-/// Nothing stands there, or a file that may be replaced.
+/// Checks that there is nothing, or a file that may be replaced.
 fn require_plain(file: &Path) -> Result<(), Error> {
     match fs::symlink_metadata(begun::path(file)) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
@@ -254,13 +254,13 @@ fn file_name(file: &Path) -> Result<&OsStr, Error> {
 fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
     let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
     remove_left_over(folder);
-    // A file that others can't read stays so.
+    // Permissions of a private file stay.
     let before = fs::metadata(folder.join(name)).ok().map(|found| found.permissions());
     let part = loop {
         let part = created(folder, &prefix)?;
         // The lock shows others that this file isn't left over from a process that was killed.
         let locked = part.as_file().try_lock();
-        // Another process may have taken it for such a one before it was locked.
+        // Another process may have removed it before it was locked.
         if !matches!(locked, Err(TryLockError::WouldBlock)) && fs::symlink_metadata(part.path()).is_ok() {
             break part;
         }
@@ -278,20 +278,20 @@ fn created(folder: &Path, prefix: &OsStr) -> io::Result<NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // As any file that a program creates: the user's mask is taken off.
+        // Like any new file, it gets the permissions of the user's mask.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder)
 }
 
-/// True if a file has such a name as files have here that aren't whole: `.NAME.RANDOM.part`.
+/// True if this is the name of an unfinished file: `.NAME.RANDOM.part`.
 fn is_part(name: &[u8]) -> bool {
     let (Some(b'.'), Some(rest)) = (name.first(), name.strip_suffix(PART.as_bytes())) else { return false };
     let random = rest.rsplit(|byte| *byte == b'.').next().unwrap_or_default();
     random.len() == RANDOM && random.iter().all(u8::is_ascii_alphanumeric) && rest.len() > RANDOM + 2
 }
 
-/// Removes what a process left in a folder when it was killed. What can't be removed disturbs nothing.
+/// Removes unfinished files of killed processes from a folder. Files that can't be removed are harmless.
 fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if is_part(entry.file_name().as_encoded_bytes()) && entry.file_type().is_ok_and(|kind| kind.is_file()) {

@@ -5,7 +5,7 @@ use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-/// The most pieces of work at a time that a user wants; 0 where as many as there are cores.
+/// The user's limit of parallel jobs; 0 for the number of cores.
 static LIMIT: AtomicUsize = AtomicUsize::new(0);
 
 /// Sets the number of parallel jobs from now on; the number of cores if none is given.
@@ -13,14 +13,14 @@ pub fn limit(jobs: Option<NonZeroUsize>) {
     LIMIT.store(jobs.map_or(0, NonZeroUsize::get), Ordering::Relaxed);
 }
 
-/// Number of pieces of work that are done at a time: the number of threads that this machine runs, or what the user asks for.
+/// Number of parallel jobs: the number of threads of this machine, or the user's choice.
 pub fn cores() -> usize {
     let own = || thread::available_parallelism().map_or(1, usize::from);
     NonZeroUsize::new(LIMIT.load(Ordering::Relaxed)).map_or_else(own, NonZeroUsize::get)
 }
 
-/// The answers to so many pieces of work, in their order. Each worker has a thread of its own, and takes the next piece
-/// when it is done with one.
+/// Results of `count` jobs, in their order. Each worker has a thread of its own, and takes the next job when it has
+/// finished one.
 pub fn each<W: Sync, T: Send>(workers: &[W], pieces: usize, work: impl Fn(&W, usize) -> T + Sync) -> Vec<T> {
     let (next, work) = (AtomicUsize::new(0), &work);
     let share = |worker: &W| {
@@ -41,7 +41,7 @@ pub fn each<W: Sync, T: Send>(workers: &[W], pieces: usize, work: impl Fn(&W, us
     done.into_iter().map(|(_, answer)| answer).collect()
 }
 
-/// The same, begun with the longest of them: none of those is left for one worker when the others are done.
+/// The same, but the longest jobs start first, so that no worker is left with one at the end.
 pub fn longest_first<W: Sync, T: Send>(workers: &[W], lengths: &[f64], work: impl Fn(&W, usize) -> T + Sync) -> Vec<T> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();
     order.sort_by(|a, b| lengths[*b].total_cmp(&lengths[*a]));

@@ -1,9 +1,9 @@
-//! Tables of numbers as Apache Parquet: what pandas, polars and DuckDB read with names and types.
+//! Writes tables of numbers as Apache Parquet, for pandas, polars and DuckDB, with names and types.
 //!
-//! The crate `parquet` without its default features adds 8 packages to this program's, and takes 29 s of processor time to
-//! build unoptimised, with what it needs (`cargo tree`, `time cargo build`, version 60.1), for a file that needs a page of
-//! code: row groups one after the other, in each a column chunk of one page a column, plain doubles, nothing compressed,
-//! nothing missing. So it is written here, after the format's specification; the metadata are Thrift's compact protocol.
+//! It is written here after the format's specification, as the file needs a page of code: row groups in sequence, each
+//! with a column chunk of one page for each column, plain doubles, without compression and missing values. The metadata
+//! are Thrift's compact protocol. The crate `parquet` without its default features would add 8 packages to this
+//! program's, and 29 s of processor time to an unoptimised build (`cargo tree`, `time cargo build`, version 60.1).
 
 use std::io::{self, Write};
 
@@ -27,7 +27,7 @@ pub struct Writer<W> {
     groups: Vec<Group>,
 }
 
-/// Rows that are written: how many, and the offset and the size of each column's.
+/// A written group of rows: their number, and the offset and the size of each column.
 #[derive(Debug)]
 struct Group {
     rows: i64,
@@ -35,7 +35,7 @@ struct Group {
 }
 
 impl<W: Write> Writer<W> {
-    /// Begins a file of columns of these names.
+    /// Begins a file of columns with these names.
     ///
     /// # Errors
     /// When it can't be written.
@@ -49,7 +49,7 @@ impl<W: Write> Writer<W> {
         &self.out
     }
 
-    /// Adds a group of so many rows, by their columns in the order of their names.
+    /// Adds a group of rows, by their columns in the order of their names.
     ///
     /// # Errors
     /// When it can't be written.
@@ -71,7 +71,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Ends the file, with a few texts by keys.
+    /// Ends the file, with texts by keys.
     ///
     /// # Errors
     /// When it can't be written.
@@ -84,7 +84,7 @@ impl<W: Write> Writer<W> {
     }
 }
 
-/// The header of a page: none of its columns has levels, since no value is missing or repeated.
+/// The header of a page. Its columns have no levels, since no value is missing or repeated.
 fn page_header(values: i64, size: i64) -> Vec<u8> {
     let mut page = Struct::default();
     page.i32(1, values).i32(2, PLAIN).i32(3, RLE).i32(4, RLE);
@@ -135,7 +135,7 @@ impl Group {
     }
 }
 
-/// A struct of Thrift's compact protocol, as it is being written: fields in the order of their numbers.
+/// A struct of Thrift's compact protocol for writing, with its fields in the order of their numbers.
 #[derive(Default)]
 struct Struct {
     bytes: Vec<u8>,
@@ -150,7 +150,7 @@ const LIST: u8 = 9;
 const STRUCT: u8 = 12;
 
 impl Struct {
-    /// The header of a field: its distance from the last, and its type.
+    /// The header of a field: the difference of its number from the last, and its type.
     fn field(&mut self, number: u8, kind: u8) {
         self.bytes.push((number - self.last) << 4 | kind);
         self.last = number;
@@ -213,7 +213,7 @@ impl Struct {
         self
     }
 
-    /// A signed number with its sign in the last bit.
+    /// Writes a signed number with its sign in the last bit.
     fn signed(&mut self, value: i64) -> &mut Self {
         self.varint((value << 1 ^ value >> 63) as u64);
         self

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Time of the first request to end, in seconds; 0 for none.
 static ASKED: AtomicI64 = AtomicI64::new(0);
-/// A request that comes so much later, in seconds, is another one: `timeout` and shells send each twice.
+/// Seconds after which a request is another one: `timeout` and shells send each twice.
 const ANOTHER: i64 = 2;
 
 /// Notes requests to end (SIGTERM: Slurm, `timeout`, containers, systemd), and a terminal or connection that is gone
@@ -15,7 +15,7 @@ pub fn listen_to_requests_to_end(exit_code: u8) {
     EXIT_CODE.store(exit_code.into(), Ordering::SeqCst);
     for signal in [libc::SIGTERM, libc::SIGHUP] {
         let heard = hear as extern "C" fn(c_int);
-        // SAFETY: the handler touches atomics, and calls what may be called in one.
+        // SAFETY: the handler uses atomics, and calls only what a handler may call.
         unsafe {
             if libc::signal(signal, heard as libc::sighandler_t) == libc::SIG_IGN {
                 libc::signal(signal, libc::SIG_IGN);
@@ -48,13 +48,13 @@ pub(crate) fn leave_requests_to_another() {
     }
 }
 
-/// True if the process was asked to end since it listens.
+/// True if a request to end came since the process listens.
 pub fn is_asked_to_end() -> bool {
     ASKED.load(Ordering::SeqCst) > 0
 }
 
 /// The user whose rights this process has.
 pub(crate) fn user() -> u32 {
-    // SAFETY: it takes nothing and can't fail.
+    // SAFETY: it takes no arguments and can't fail.
     unsafe { libc::geteuid() }
 }

@@ -12,7 +12,7 @@ use crate::library::CATALOGUE;
 use crate::model::Description;
 use start::Start;
 
-/// Name of the file that it is written to.
+/// Name of the generated file.
 pub const FILE: &str = "description.schema.json";
 
 fn generator() -> SchemaGenerator {
@@ -30,7 +30,7 @@ fn structures() -> Vec<(&'static str, Schema)> {
     CATALOGUE.iter().map(|entry| (entry.kind.name, (entry.schema)(generator()))).collect()
 }
 
-/// The schema of a description: `structure` and `start` by the `model`.
+/// The schema of a description: `structure` and `start` depend on the `model`.
 pub fn description() -> Value {
     let mut schema = of::<Description>().to_value();
     let mut structures = structures();
@@ -53,7 +53,7 @@ struct Variables {
     elements: Map<String, Value>,
 }
 
-/// The variables of all kinds. What several kinds have stands once, under a name.
+/// The variables of all kinds. Those of several kinds are defined once, under a name.
 fn shared(starts: Vec<Start>) -> (Vec<Variables>, Map<String, Value>) {
     let mut uses: BTreeMap<String, (String, Value, usize)> = BTreeMap::new();
     for (name, schema) in starts.iter().flat_map(Start::variables) {
@@ -84,7 +84,7 @@ impl Variables {
         json!({ "properties": self.whole, "patternProperties": self.elements })
     }
 
-    /// The keys that `[start]` has where a description gives no names of its own.
+    /// The keys of `[start]` if a description gives no names of its own.
     fn strict(&self) -> Value {
         let any =
             |known: &Map<String, Value>| Value::Object(known.keys().map(|key| (key.clone(), json!(true))).collect());
@@ -119,7 +119,7 @@ fn choice(name: &str, mut structure: Value, variables: Variables) -> Value {
 /// A key of descriptions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Key {
-    /// The kind that has it in its structure; none where every description has it.
+    /// The kind whose structure has it; none for a key of every description.
     pub model: Option<&'static str>,
     /// The key, as `filter.gain`.
     pub name: String,
@@ -127,7 +127,7 @@ pub struct Key {
     pub text: String,
     /// Its schema.
     pub schema: Value,
-    /// True if it must be given where the table that holds it is.
+    /// True if it is required in its table.
     pub required: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Temporary folders. One is removed with its value; those of a run that was killed, by the next run.
+//! Temporary folders. Each is removed with its value; those of a killed run are removed by the next run.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use crate::begun;
 use crate::error::Error;
 
-/// The name of each: this, and so many random characters.
+/// Start of the name of each; random characters follow.
 const PREFIX: &str = ".adaptive-fmu-run-";
 const RANDOM: usize = 6;
 /// A file in each that is locked while the folder is in use. It shows others so, and that this program made the folder.
@@ -57,7 +57,7 @@ impl Scratch {
             let folder = builder.tempdir()?;
             let file = folder.path().join(LOCK);
             let lock = File::create_new(&file)?;
-            // Another process may have taken it for one that was left before it was locked.
+            // Another process may have removed it before it was locked.
             if !matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) && file.is_file() {
                 let path = folder.path().join(FILES);
                 private().create(&path)?;
@@ -72,14 +72,14 @@ impl Scratch {
     }
 }
 
-/// True if a folder has such a name as these have.
+/// True if a folder has such a name.
 #[cfg(unix)]
 fn is_named(name: &[u8]) -> bool {
     let random = name.strip_prefix(PREFIX.as_bytes());
     random.is_some_and(|random| random.len() == RANDOM && random.iter().all(u8::is_ascii_alphanumeric))
 }
 
-/// Removes folders that nobody uses any more: those of this user that were made here and aren't locked.
+/// Removes unused folders of this program that belong to this user and aren't locked.
 #[cfg(unix)]
 fn remove_left_over(place: &Path) {
     use std::os::unix::fs::MetadataExt;
@@ -93,7 +93,7 @@ fn remove_left_over(place: &Path) {
             && let Ok(lock) = File::open(&lock)
             && lock.try_lock().is_ok()
         {
-            // While it is locked nobody else begins to use it. What can't be removed disturbs nothing.
+            // While it is locked nobody else begins to use it. A folder that can't be removed is harmless.
             let _ = fs::remove_dir_all(entry.path());
         }
     }

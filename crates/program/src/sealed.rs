@@ -1,4 +1,4 @@
-//! Checksums of contents, and JSON files that hold one of their own, so that a change by hand is noticed.
+//! Checksums of contents, and JSON files with one of their own, which reveals changes by hand.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -85,12 +85,12 @@ impl<W: Write> Write for Summed<W> {
     }
 }
 
-/// The content of a file, and whether its checksum fits.
+/// The content of a file, and the result of its checksum.
 #[derive(Debug)]
 pub struct Sealed {
     /// Content.
     pub content: Value,
-    /// True if the checksum is that of the content; none where the file holds no checksum.
+    /// True if the checksum is that of the content; none if the file has no checksum.
     pub fits: Option<bool>,
 }
 
@@ -106,7 +106,7 @@ pub fn write(file: &Path, mut content: Value) -> Result<(), Error> {
 /// Reads such a file.
 ///
 /// # Errors
-/// When it can't be read or is no JSON; `what` it should hold.
+/// When it can't be read or isn't JSON; `what` names its expected content.
 pub fn read(file: &Path, what: &str) -> Result<Sealed, Error> {
     let mut text = String::new();
     let opened = text_file::open(&begun::path(file)).and_then(|opened| opened.take(LARGEST).read_to_string(&mut text));
@@ -130,7 +130,7 @@ pub fn differing(was: &Value, is: &Value) -> Option<String> {
     listed(&differences(was, is))
 }
 
-/// Differences as a text that fits into a message; none where there are none.
+/// Differences as a text that fits into a message; none if there are none.
 pub fn listed(differences: &[String]) -> Option<String> {
     let shortened = |text: &String| match text.char_indices().nth(LONGEST_NAMED) {
         Some((end, _)) => format!("{}…", &text[..end]),

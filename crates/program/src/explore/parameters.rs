@@ -242,8 +242,7 @@ fn range(start: f64, (min, max): (Option<f64>, Option<f64>), told: Option<(f64, 
     if low < high { (Some((low, high)), spans_decades(low, high)) } else { (None, false) }
 }
 
-/// Chooses those that are shown at first: the tuning parameters of the loop, and a few important ones of each
-/// component.
+/// Chooses those shown at first: the tuning parameters of the loop, and a few important ones of each component.
 fn choose(structure: &Structure, parameters: &mut [Parameter]) {
     let tuned: Vec<&String> = structure.tuning.iter().flat_map(|it| &it.parameters).map(|it| &it.name).collect();
     parameters.iter_mut().for_each(|parameter| parameter.first = tuned.contains(&&parameter.name));

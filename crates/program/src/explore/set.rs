@@ -10,8 +10,7 @@ use crate::tuning::typed_set;
 /// The longest name of a set.
 const LONGEST: usize = 60;
 
-/// Checks that a file may have this name on any system: letters, digits, `_`, `-`, spaces and dots, none of them in
-/// front.
+/// Checks that any system allows this file name: letters, digits, `_`, `-`, spaces and dots, none in front.
 pub(super) fn plain(name: &str) -> Result<&str, String> {
     let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || "_-. ".contains(c));
     if name.is_empty()

@@ -67,8 +67,7 @@ pub fn poles(poles: &[Pole], level: f64) -> Figure {
     Figure::new("Poles".to_owned(), &labelled("real part", "1/s"), &labelled("imaginary part", "rad/s"), lines)
 }
 
-/// The ellipse of a pole with half axes of so many standard deviations. A Cholesky factor of its covariance maps unit
-/// vectors to it.
+/// Ellipse of a pole at so many standard deviations. A Cholesky factor of its covariance maps unit vectors to it.
 fn ellipse(pole: &Pole, size: f64) -> Vec<(f64, Option<f64>)> {
     let [along, across, both] = pole.covariance;
     let first = along.max(0.0).sqrt();

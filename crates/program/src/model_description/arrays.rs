@@ -1,4 +1,4 @@
-//! Variables of FMI 3.0, read: each element of an array as a variable of its own, named as in FMI 2.0.
+//! Reads variables of FMI 3.0: each element of an array is a variable of its own, named as in FMI 2.0.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -78,8 +78,8 @@ impl Type {
     }
 }
 
-/// A variable of FMI 3.0: an array, or a scalar, which has one element. Elements of all arrays are numbered one after the other:
-/// these numbers are the references of the variables that they are read as.
+/// A variable of FMI 3.0: an array, or a scalar, which has one element. Elements of all arrays are numbered
+/// consecutively; these numbers are the references of the variables that they are read as.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Array {
     /// Its name.
@@ -90,7 +90,7 @@ pub struct Array {
     pub count: usize,
     /// Type of its values.
     pub of: Type,
-    /// Start values, where the file has them and they are numbers.
+    /// Start values, if the file has them and they are numbers.
     pub start: Option<Vec<f64>>,
 }
 
@@ -99,7 +99,7 @@ pub(super) struct Arrays {
     /// A variable for each element, and for each of its other names.
     pub variables: Vec<Variable>,
     pub arrays: Vec<Array>,
-    /// The variables of a value reference: places.
+    /// Places of the variables of a value reference.
     places: HashMap<u32, Range<usize>>,
 }
 
@@ -178,7 +178,7 @@ impl Arrays {
         found.cloned().ok_or_else(|| in_file(&format!("there is no variable with valueReference = \"{reference}\"")))
     }
 
-    /// Outputs with the variables that they depend on: each element on all elements, since the file has arrays.
+    /// Outputs with the variables that they depend on: the file has arrays, so each element depends on all elements.
     pub fn dependencies(&self, structure: Node) -> Result<Dependencies, String> {
         let mut all = Vec::new();
         for node in elements(structure, "Output") {
@@ -198,7 +198,7 @@ pub(super) fn variables<'a, 'input>(root: Node<'a, 'input>) -> impl Iterator<Ite
     elements(root, "ModelVariables").flat_map(|node| node.children())
 }
 
-/// A clock that nobody activates leaves an FMU without what it computes then.
+/// Refuses a clock: without its activation, an FMU lacks what it computes then.
 fn refuse_clock(node: Node) -> Result<(), String> {
     let is_clock = node.has_tag_name("Clock");
     let name = node.attribute("name").unwrap_or_default();
@@ -241,7 +241,7 @@ fn variable(
     })
 }
 
-/// Sizes of the dimensions of an array; none of a scalar.
+/// Sizes of the dimensions of an array; empty for a scalar.
 fn shape(node: Node, name: &str, sizes: &HashMap<&str, &str>) -> Result<Vec<usize>, String> {
     let size = |dimension: Node| {
         let by_parameter = || dimension.attribute("valueReference").and_then(|of| sizes.get(of)).copied();
@@ -254,7 +254,7 @@ fn shape(node: Node, name: &str, sizes: &HashMap<&str, &str>) -> Result<Vec<usiz
     elements(node, "Dimension").map(size).collect()
 }
 
-/// Start values: one for each element, or one for all; of texts as elements of their own.
+/// Start values: one for each element, or one for all; those of texts are elements of their own.
 fn starts(node: Node, of: Type, count: usize) -> Result<Vec<String>, String> {
     let texts: Vec<String> = match of {
         Type::String => elements(node, "Start").filter_map(|start| attribute(start, "value")).collect(),

@@ -1,4 +1,4 @@
-//! modelDescription.xml of FMI 2.0 and FMI 3.0, read: of FMUs from anywhere.
+//! Reads modelDescription.xml of FMI 2.0 and FMI 3.0, of FMUs from any tool.
 
 mod arrays;
 mod model_structure;
@@ -32,9 +32,9 @@ pub struct ModelDescription {
     pub co_simulation: bool,
     /// True if it is for model exchange.
     pub model_exchange: bool,
-    /// Identifier of the binaries: those for co-simulation, where it is for that.
+    /// Identifier of the binaries, those for co-simulation if it supports that.
     pub model_identifier: String,
-    /// Identifier of the binaries for model exchange, where it is for that.
+    /// Identifier of the binaries for model exchange, if it supports that.
     pub exchange_identifier: Option<String>,
     /// GUID; instantiation token in FMI 3.0.
     pub guid: String,
@@ -48,17 +48,17 @@ pub struct ModelDescription {
     pub step: Option<f64>,
     /// Default stop time, s.
     pub stop_time: Option<f64>,
-    /// Capability flags that are true, and numbers: those of co-simulation, where it is for that.
+    /// Capability flags that are true, and numbers, those of co-simulation if it supports that.
     pub capabilities: Vec<(String, String)>,
     /// Log categories.
     pub categories: Vec<String>,
     /// Variables.
     pub variables: Vec<Variable>,
-    /// Arrays and scalars of FMI 3.0 that they are elements of; none in FMI 2.0.
+    /// Arrays and scalars of FMI 3.0 with these elements; empty in FMI 2.0.
     pub arrays: Vec<Array>,
     /// Units.
     pub units: Vec<UnitDefinition>,
-    /// Outputs with the variables that they depend on, by their places; none where all are possible.
+    /// Outputs with the variables that they depend on, by their places; none if all are possible.
     pub dependencies: Vec<(usize, Option<Vec<usize>>)>,
 }
 
@@ -116,7 +116,7 @@ impl Variable {
         let number = if self.kind == "Real" { value.trim().parse().ok() } else { None };
         match number {
             Some(_) if self.is_no_limit(value) => "no limit".to_owned(),
-            // As it is written, where that is short.
+            // Its own text, if that is short.
             Some(number) => {
                 let short = Number(number).to_string();
                 if short.len() + 2 < value.len() { short } else { value.to_owned() }
@@ -130,7 +130,7 @@ impl ModelDescription {
     /// Reads a modelDescription.xml of FMI 2.0 or 3.0.
     ///
     /// # Errors
-    /// What is missing or wrong, with its line.
+    /// Missing or wrong content, with its line.
     pub fn read(xml: &str) -> Result<Self, String> {
         let document = xml::parse(xml).map_err(|error| in_file(&error))?;
         let root = document.root_element();
@@ -183,10 +183,10 @@ impl ModelDescription {
         self.co_simulation && self.capabilities.iter().any(has)
     }
 
-    /// Itself, where it is for co-simulation.
+    /// Returns it, if it is for co-simulation.
     ///
     /// # Errors
-    /// That it is not.
+    /// When it isn't.
     pub fn for_co_simulation(self) -> Result<Self, String> {
         if self.co_simulation { Ok(self) } else { Err(in_file("the FMU does not support co-simulation")) }
     }
@@ -208,9 +208,9 @@ impl ModelDescription {
     }
 }
 
-/// Variables, the arrays that they are of, and dependences of outputs.
+/// Variables, their arrays, and dependences of outputs.
 type Read = (Vec<Variable>, Vec<Array>, Dependencies);
-/// Places of outputs, and of what each depends on; none where all are possible.
+/// Places of outputs, and of their dependencies; none if all are possible.
 type Dependencies = Vec<(usize, Option<Vec<usize>>)>;
 
 fn of_fmi_2(document: &Document, units: &[UnitDefinition]) -> Result<Read, String> {
@@ -252,7 +252,7 @@ fn no_interface(root: Node) -> &'static str {
     }
 }
 
-/// The name of an interface's binaries. It becomes part of a path, and may be no path itself.
+/// The name of an interface's binaries. It becomes part of a path, and must not be a path itself.
 fn identifier(document: &Document, interface: Node) -> Result<String, String> {
     let text =
         attribute(interface, "modelIdentifier").ok_or_else(|| missing(document, interface, "modelIdentifier"))?;
@@ -292,7 +292,7 @@ impl Measures {
             let (name, relative) = (unit.name.clone(), unit.clone().relative());
             [((name.clone(), false), Arc::new(unit.clone())), ((name, true), Arc::new(relative))]
         };
-        // Of two that have one name, the first counts.
+        // The first of several with one name counts.
         Measures(units.iter().rev().flat_map(both).collect())
     }
 
@@ -337,17 +337,17 @@ fn variable(
     })
 }
 
-/// An item of an enumeration, where it is a whole one.
+/// An item of an enumeration; none if it is incomplete.
 fn item(node: Node) -> Option<(String, i32)> {
     Some((attribute(node, "name")?, node.attribute("value")?.trim().parse().ok()?))
 }
 
-/// The first child element of a name, in whatever namespace.
+/// The first child element of a name, in any namespace.
 pub(crate) fn child<'a, 'input>(node: Node<'a, 'input>, name: &'static str) -> Option<Node<'a, 'input>> {
     elements(node, name).next()
 }
 
-/// The child elements of a name, in whatever namespace.
+/// The child elements of a name, in any namespace.
 pub(crate) fn elements<'a, 'input>(
     node: Node<'a, 'input>,
     name: &'static str,

@@ -19,7 +19,7 @@ pub struct ModelStructure {
     pub outputs: Vec<usize>,
     /// Default start time, s.
     pub start_time: f64,
-    /// Model exchange, where the FMU is for it.
+    /// Model exchange, if the FMU supports it.
     pub exchange: Option<Exchange>,
 }
 
@@ -36,7 +36,7 @@ impl ModelStructure {
     /// Reads it from a modelDescription.xml.
     ///
     /// # Errors
-    /// What is missing or wrong.
+    /// Missing or wrong content.
     pub fn read(xml: &str) -> Result<Self, String> {
         let document = xml::parse(xml).map_err(|error| format!("modelDescription.xml: {error}"))?;
         let root = document.root_element();
@@ -105,7 +105,7 @@ fn start_time(root: Node) -> f64 {
     start.unwrap_or(0.0)
 }
 
-/// Model exchange, and whether a flag of it is set.
+/// Model exchange, and true if a flag of it is set.
 fn exchange(root: Node, directional: &str) -> Option<Exchange> {
     child(root, "ModelExchange").map(|node| Exchange {
         model_identifier: attribute(node, "modelIdentifier").unwrap_or_default(),
@@ -113,7 +113,7 @@ fn exchange(root: Node, directional: &str) -> Option<Exchange> {
     })
 }
 
-/// A place that is counted from 1 in the file.
+/// A place, which the file counts from 1.
 fn place(node: Node, name: &str, count: usize) -> Result<usize, String> {
     let text = node.attribute(name).unwrap_or_default();
     let index = text.parse().ok().filter(|index| (1..=count).contains(index));

@@ -1,4 +1,4 @@
-//! Units of measure, as FMI and SSP define them.
+//! Units of measurement, as FMI and SSP define them.
 
 use roxmltree::Node;
 
@@ -29,7 +29,7 @@ pub struct Affine {
 }
 
 impl Affine {
-    /// Leaves a value as it is, bit for bit.
+    /// Conversion that leaves a value unchanged, bit for bit.
     pub const IDENTITY: Affine = Affine { factor: 1.0, offset: 0.0 };
 
     /// The mapped value.
@@ -104,7 +104,7 @@ impl UnitDefinition {
         (is_changed && (self.is_number() || other.is_number())).then_some("the dimensionless number is converted")
     }
 
-    /// The question whether another unit was meant, where it isn't known and one that is known is near.
+    /// A question about a similar known unit; none if this one is known.
     pub(crate) fn meant(&self) -> Option<String> {
         let is_unknown = self.dimension.is_none();
         is_unknown.then(|| near::question(&self.name, &Unit::known().collect::<Vec<_>>()))?

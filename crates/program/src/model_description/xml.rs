@@ -1,4 +1,4 @@
-//! XML of others, read within limits: no document type (so no entities), and sizes that fit into memory.
+//! Reads XML of others within limits: no document type (so no entities), and sizes that fit into memory.
 
 use quick_xml::Reader;
 use quick_xml::events::Event;
@@ -6,13 +6,13 @@ use roxmltree::{Document, ParsingOptions};
 
 /// The most elements and texts of a document.
 const MOST_NODES: u32 = 2_000_000;
-/// The most attributes of an element: each is compared with all.
+/// The most attributes of an element: each is compared with all others.
 const MOST_ATTRIBUTES: usize = 100;
 
 /// The document of a text.
 ///
 /// # Errors
-/// What is wrong, with its place.
+/// The error, with its place.
 pub(crate) fn parse(text: &str) -> Result<Document<'_>, String> {
     check_attributes(text)?;
     let options = ParsingOptions { nodes_limit: MOST_NODES, ..ParsingOptions::default() };

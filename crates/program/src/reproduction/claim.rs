@@ -14,7 +14,7 @@ pub struct Claim {
     /// Metrics that are within their limits.
     #[serde(default)]
     pub measured: Vec<String>,
-    /// The limit of all of them, in place of their own.
+    /// Limit for all of them, in place of their own.
     pub limit: Option<f64>,
     /// Metrics that are smaller, each,
     #[serde(default)]
@@ -22,7 +22,7 @@ pub struct Claim {
     /// than these.
     #[serde(default)]
     pub than: Vec<String>,
-    /// A run that ends as it is to: with a failure.
+    /// A run that must end with a failure.
     pub fails: Option<String>,
     /// Remark on a claim that doesn't hold, or not for the reason that is given.
     #[serde(default)]
@@ -46,7 +46,7 @@ impl Claim {
     /// Judges it by the runs.
     ///
     /// # Errors
-    /// When it names a run or a metric that isn't there, or nothing to judge by.
+    /// When it names a run or a metric that doesn't exist, or has no criterion.
     pub fn judge(&self, outcomes: &[Outcome]) -> Result<Judged, String> {
         let mut told = Vec::new();
         let mut holds = true;
@@ -80,7 +80,7 @@ fn run_of(name: &str) -> &str {
     name.split_once(": ").map_or(name, |(run, _)| run)
 }
 
-/// The name of a metric; without its run where there is no other.
+/// The name of a metric, without its run if there is only one.
 fn short<'a>(name: &'a str, outcomes: &[Outcome]) -> &'a str {
     let alone = outcomes.len() == 1;
     name.split_once(": ").filter(|_| alone).map_or(name, |(_, label)| label)

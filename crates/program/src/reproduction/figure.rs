@@ -1,4 +1,4 @@
-//! Figures: curves over time, also in the funnel that they are to stay in, lines by numbers, and paths in space.
+//! Figures: curves over time, also in their funnel, lines by numbers, and paths in space.
 
 use std::borrow::Cow;
 
@@ -15,17 +15,17 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 /// Points of a drawn funnel.
 const STEPS: usize = 400;
 
-/// A figure, as it is asked for.
+/// A figure as described in a study.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Figure {
     /// Title.
     pub title: String,
-    /// The figures of the thesis that show the same, as `3.2`; empty where none does.
+    /// The same figures in the thesis, as `3.2`; empty if there are none.
     pub thesis: String,
     /// Curves over time.
     pub curves: Vec<Curve>,
-    /// ρ_0, ρ_∞ and the rate of decay of the funnel around 0: magnitudes are shown, on a logarithmic axis.
+    /// ρ_0, ρ_∞ and the rate of decay of the funnel around 0. With it, magnitudes are shown on a logarithmic axis.
     pub funnel: Option<[f64; 3]>,
     /// Paths in space: the three coordinates of each.
     pub paths: Vec<[Curve; 3]>,
@@ -59,7 +59,7 @@ pub struct Line {
     pub y: Vec<f64>,
 }
 
-/// A number, or the value that a variable of a run starts with.
+/// A number, or the start value of a variable of a run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(untagged)]
 pub enum Coordinate {
@@ -76,7 +76,7 @@ pub struct Drawing {
     pub name: String,
     /// Title.
     pub title: String,
-    /// The figures of the thesis that show the same.
+    /// The same figures in the thesis.
     pub thesis: String,
     /// The picture.
     pub svg: String,
@@ -200,7 +200,7 @@ impl Figure {
         Ok(Diagram { y: self.y.clone(), ..diagram })
     }
 
-    /// The name of a curve; with its run where there are several.
+    /// The name of a curve, with its run if there are several.
     fn label(&self, curve: &Curve) -> String {
         let several = self.curves.iter().any(|other| other.run != curve.run);
         if several { format!("{}: {}", curve.run, curve.signal()) } else { curve.signal() }

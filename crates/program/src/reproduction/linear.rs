@@ -1,4 +1,4 @@
-//! A loop with the linear controller that its adaptive one tends to.
+//! A loop with the linear controller that is the limit of its adaptive one.
 
 use crate::error::Error;
 use crate::exporter::Source;
@@ -7,12 +7,12 @@ use crate::model::{Description, Model};
 use crate::structure::Structure;
 use crate::system::Variables;
 
-/// The loop with the linear controllers that its adaptive ones tend to as their adaptation gets fast, each of the same
-/// description; none where no controller of it has such a limit, or one refuses the description. What is set or measured of
-/// a controller and isn't there in its limit, as an estimate, is left out, and so are the loop's figures.
+/// The loop with the linear controllers that its adaptive ones tend to as adaptation gets fast, each of the same
+/// description. None if no controller has such a limit, or a limit refuses the description. Values and metrics of
+/// variables that the limit lacks, such as estimates, are left out, and so are the loop's figures.
 ///
 /// # Errors
-/// When a unit has no description, or one that can't be read.
+/// When a component has no description, or one that can't be read.
 pub fn linear_limit(structure: &Structure) -> Result<Option<Structure>, Error> {
     let mut limit = structure.clone();
     let mut replaced = Vec::new();
@@ -23,7 +23,7 @@ pub fn linear_limit(structure: &Structure) -> Result<Option<Structure>, Error> {
         let Some(kind) = library::limit_of(&description.model) else { continue };
         let Ok((text, variables)) = of_kind(&source.text, kind.kind.name) else { return Ok(None) };
         component.values.retain(|value| is_there(&variables, &value.name));
-        // Under its name: all units of this description are replaced.
+        // The FMU keeps its name, so all components of this description are replaced.
         limit.descriptions.insert(component.fmu.clone(), Source { file: source.file, text, as_written: false });
         replaced.push((format!("{}.", component.name), variables));
     }
@@ -42,7 +42,7 @@ pub fn linear_limit(structure: &Structure) -> Result<Option<Structure>, Error> {
     Ok(Some(limit))
 }
 
-/// A description as one of another kind, with its variables.
+/// The description for another kind, with its variables.
 ///
 /// # Errors
 /// When that kind refuses it.

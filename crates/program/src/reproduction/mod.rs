@@ -46,7 +46,7 @@ pub struct Example {
     /// Its section in the thesis.
     #[serde(default)]
     pub thesis: String,
-    /// The figures of the thesis, as `3.2`, that show what figures of these titles show.
+    /// The same figures in the thesis, as `3.2`, by the titles of figures.
     #[serde(default)]
     pub thesis_figures: BTreeMap<String, String>,
     /// Corrections to it.
@@ -88,9 +88,9 @@ pub struct Run {
     pub composite: bool,
     /// A parameter set in the folder of the loop.
     pub case: Option<String>,
-    /// Communication step in s, in place of the loop's own.
+    /// Communication step, s, in place of the loop's own.
     pub step: Option<f64>,
-    /// Start values with which nothing is adapted.
+    /// Start values that freeze adaptation.
     pub frozen: BTreeMap<String, String>,
 }
 
@@ -139,15 +139,15 @@ impl Study {
     /// The examples of the thesis.
     ///
     /// # Errors
-    /// When they are described wrongly.
+    /// When the study is not valid.
     pub fn thesis() -> Result<Self, String> {
         Study::read(texts::THESIS)
     }
 
-    /// A study by its text.
+    /// Reads a study.
     ///
     /// # Errors
-    /// When it is described wrongly, or an example's name can't name files.
+    /// When it is not valid, or an example's name can't name files.
     pub fn read(text: &str) -> Result<Self, String> {
         let study: Study = toml::from_str(text).map_err(|error| error.to_string())?;
         let plain = |name: &str| !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c));

@@ -44,10 +44,10 @@ pub struct Samples {
 }
 
 impl Outcome {
-    /// Keeps of a run what figures show: those curves that are of it.
+    /// Stores the curves of a run that figures show.
     ///
     /// # Errors
-    /// When it has no such signal.
+    /// When it lacks such a signal.
     pub fn new(run: &str, report: &Report, took: Duration, wanted: &[&Curve]) -> Result<Self, String> {
         let mut curves = HashMap::new();
         for curve in wanted.iter().filter(|curve| curve.run == run) {

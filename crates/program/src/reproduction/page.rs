@@ -36,7 +36,7 @@ pub struct Done {
     pub outcomes: Vec<Outcome>,
     /// The same with adaptation frozen.
     pub frozen: Vec<Outcome>,
-    /// The same with the linear controllers that adaptive ones tend to, where they do.
+    /// The same with the linear limits of adaptive controllers, if they exist.
     pub linear: Vec<Option<Outcome>>,
     /// Its claims.
     pub claims: Vec<Judged>,
@@ -77,7 +77,7 @@ impl Page<'_> {
         page.push_str("</ul></nav>\n");
     }
 
-    /// The first metric of every run, with adaptation, without, and with what adaptation tends to.
+    /// Adds a table of the first metric of every run: with adaptation, without, and with its linear limit.
     fn push_glance(&self, page: &mut String) {
         page.push_str(
             "<h3>What adaptation adds, at a glance</h3>\n<div class=\"scroll\"><table id=\"glance\">\n\
@@ -137,7 +137,7 @@ fn push_table(page: &mut String, Table { title, head, rows }: &Table) {
     );
 }
 
-/// A failure that the loop is not there to show.
+/// Adds failures that the loop isn't meant to show.
 fn push_shortfall(page: &mut String, outcome: &Outcome) {
     if let (Ending::Failed(reason), Verdict::Failed | Verdict::Beyond) = (&outcome.ending, outcome.verdict) {
         let text = format!("{} {}: {reason}", outcome.run, outcome.told());

@@ -24,11 +24,11 @@ pub(super) struct Start {
 struct Known {
     /// Description, with its unit.
     text: String,
-    /// Its schemas, one a structure that makes it another.
+    /// Its different schemas, which depend on the structure.
     schemas: Vec<Value>,
 }
 
-/// Keys whose texts are a user's own.
+/// Keys with texts of the user.
 const TEXTS: [&str; 2] = ["units", "quantities"];
 
 /// The most numbers of a choice that are tried.
@@ -53,7 +53,7 @@ impl Start {
         start
     }
 
-    /// Takes up the variables of a structure; nothing where there is no such unit.
+    /// Adds the variables of a structure, if it is valid.
     fn learn(&mut self, description: &Description) {
         let Ok(variables) = Model::variables_of(description, REGISTRY) else { return };
         let settable = |v: &&Variable| {
@@ -85,7 +85,7 @@ impl Start {
         })
     }
 
-    /// The schema of the elements by patterns of their names: those with one schema have one pattern.
+    /// The schema of the elements by patterns of their names; names with the same schema share a pattern.
     pub fn patterns(&self) -> Map<String, Value> {
         let mut alike: BTreeMap<String, (Value, Vec<&str>)> = BTreeMap::new();
         for (name, schema) in &self.elements {
@@ -96,7 +96,7 @@ impl Start {
     }
 }
 
-/// The choices that a structure has at its top: a key, and a value that it may have.
+/// The choices at the top of a structure: a key, and a value that it may have.
 fn choices(structure: &Value) -> Vec<(String, toml::Value)> {
     let mut choices = Vec::new();
     for (key, schema) in structure["properties"].as_object().into_iter().flatten() {
@@ -104,7 +104,7 @@ fn choices(structure: &Value) -> Vec<(String, toml::Value)> {
             |name: &str| schema["type"] == name || schema["type"].as_array().is_some_and(|t| t.contains(&json!(name)));
         let items = schema["oneOf"].as_array().into_iter().flatten().filter_map(|item| item["const"].as_str());
         choices.extend(items.map(|item| (key.clone(), toml::Value::String(item.to_owned()))));
-        // A number that may be one of a few.
+        // A number with few possible values.
         if let (true, Some(least), Some(most)) =
             (named("integer"), schema["minimum"].as_i64(), schema["maximum"].as_i64())
         {
@@ -114,7 +114,7 @@ fn choices(structure: &Value) -> Vec<(String, toml::Value)> {
         if named("boolean") {
             choices.extend([true, false].map(|value| (key.clone(), toml::Value::Boolean(value))));
         }
-        // A matrix that may be left out.
+        // An optional matrix.
         if named("array") && named("null") {
             let number = toml::Value::Float(0.0);
             choices.push((key.clone(), toml::Value::Array(vec![toml::Value::Array(vec![number])])));

@@ -44,10 +44,10 @@ pub struct AloneEvent {
 }
 
 impl AloneEvent {
-    /// Events of a unit some of whose inputs have values over time, in the order of their times.
+    /// Events of an FMU some of whose inputs have values over time, in the order of their times.
     ///
     /// # Errors
-    /// An event of a variable that isn't there, can't change during a run, or can't have the value.
+    /// An event of a variable that doesn't exist, can't change during a run, or can't have the value.
     pub fn all(events: &[Event], description: &ModelDescription, inputs: Option<&Inputs>) -> Result<Vec<Self>, Error> {
         let one = |Event { time, name, text, origin }: &Event| {
             let refuse = |reason: String| origin.refuse(&reason);
@@ -192,7 +192,7 @@ impl Running<'_> {
         }
     }
 
-    /// Gives variables values at the present time.
+    /// Sets values of variables at the present time.
     fn change(&mut self, changes: &[(u32, Value)]) -> Result<(), Error> {
         match self {
             _ if changes.is_empty() => Ok(()),

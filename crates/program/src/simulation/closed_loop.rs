@@ -1,4 +1,4 @@
-//! The master: units stepped together, outputs handed to inputs.
+//! The master: steps components together, and passes outputs to inputs.
 
 use super::port::Ports;
 use super::recording::Recording;
@@ -10,21 +10,21 @@ use crate::model_description::Variable;
 use crate::report::number;
 use crate::structure::{Order, Settings};
 
-/// A change that is due later by at most this part of a communication step is due: times of points are rounded.
+/// Part of a communication step by which a change may be late: times of points are rounded.
 pub(super) const ROUNDING: f64 = 1e-6;
 /// The most exchanges at one communication point.
 const EVENT_ITERATIONS: usize = 100;
-/// The most messages of a unit that a recording keeps; of further ones, their number and the last.
+/// The most messages of a component in a recording; further ones are counted, and the last is recorded.
 const MOST_MESSAGES: usize = 100;
 
-/// A variable of a unit, by places.
+/// A variable of a component, by places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
     pub(crate) unit: usize,
     pub(crate) variable: usize,
 }
 
-/// A value that a variable gets while a loop runs.
+/// A value that a variable gets during a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
     /// Time, s.
@@ -35,14 +35,14 @@ pub struct Change {
     pub value: Value,
 }
 
-/// A unit with what it gives and takes.
+/// A component with its outputs and inputs.
 #[derive(Debug)]
 struct WiredUnit {
     instance: Instance,
     outputs: Ports,
     inputs: Ports,
     said: Said,
-    /// True if it was made for Event Mode.
+    /// True if it was instantiated for Event Mode.
     by_events: bool,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Said {
 }
 
 impl Said {
-    /// Adds messages to the warnings of a run: the first hundred of the unit.
+    /// Adds messages to the warnings of a run: the first hundred of the component.
     pub fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
         if messages.count() == 0 && messages.details().is_empty() {
             return;
@@ -84,7 +84,7 @@ impl Said {
     }
 }
 
-/// A loop whose units are instantiated and connected.
+/// A loop whose components are instantiated and connected.
 #[derive(Debug)]
 pub struct ClosedLoop {
     units: Vec<WiredUnit>,
@@ -93,7 +93,7 @@ pub struct ClosedLoop {
     measures: Vec<String>,
     row: Vec<f64>,
     notes: Vec<String>,
-    /// True if values may go round without a delay.
+    /// True if there is an algebraic loop.
     circular: bool,
     /// Values that variables get while it runs.
     changes: Vec<Change>,
@@ -107,8 +107,8 @@ impl ClosedLoop {
         ClosedLoop { units, names, measures, row, notes, circular, changes, order }
     }
 
-    /// Adds a unit, one for Event Mode or not; what is recorded of it are the variables at some places, named by them with a
-    /// prefix.
+    /// Adds a component, with or without Event Mode. Its variables at these places are recorded, under their names with
+    /// a prefix.
     pub(super) fn add(&mut self, instance: Instance, prefix: &str, recorded: &[usize], by_events: bool) {
         let mut outputs = Ports::default();
         for place in recorded {
@@ -127,7 +127,7 @@ impl ClosedLoop {
         self.row.len()
     }
 
-    /// Hands the signal at a place of the row to an input of a unit.
+    /// Connects the signal at a place of the row to an input of a component.
     pub(super) fn connect(&mut self, unit: usize, input: &Variable, place: usize, conversion: Affine) {
         self.units[unit].inputs.add(input, place, conversion);
     }
@@ -180,11 +180,11 @@ impl ClosedLoop {
         self.record(settings, usize::MAX, |_| true, goes_on)
     }
 
-    /// The same, for runs that are too long for the memory: whenever a recording has so many values and there is a further
-    /// point, `take` is to empty it of its points. It may end the run by answering false.
+    /// Runs the loop in blocks, for runs that are too long for the memory. Whenever a recording has so many values and
+    /// there is a further point, `take` must empty it of its points. It may end the run by returning false.
     ///
     /// # Errors
-    /// When a unit fails, together with what was recorded until then and not taken.
+    /// When a component fails, together with what was recorded until then and not taken.
     pub fn run_in_blocks(
         self,
         settings: Settings,
@@ -273,12 +273,12 @@ impl ClosedLoop {
         self.units.iter().try_for_each(|unit| unit.instance.terminate())
     }
 
-    /// Sets what is due at a communication point.
+    /// Applies changes that are due at a communication point.
     fn change(&mut self, due: &[Change], order: Order, time: f64) -> Result<(), Error> {
         if due.is_empty() {
             return Ok(());
         }
-        // What follows from a change is exchanged at the same point.
+        // Effects of a change are exchanged at the same point.
         if order == Order::EventMode {
             self.begin_event()?;
         }
@@ -307,14 +307,14 @@ impl ClosedLoop {
         self.units.iter().filter(|unit| unit.by_events).try_for_each(|unit| unit.instance.begin_event())
     }
 
-    /// Handles the event that a communication point is for units with Event Mode.
+    /// Handles the event of a communication point for components with Event Mode.
     fn event(&mut self, time: f64) -> Result<Option<String>, Error> {
         self.begin_event()?;
         self.exchange(Some(time))
     }
 
-    /// Hands values on in Event Mode, and updates discrete states in the order of the units, until neither changes anything.
-    /// Then all units are ready for a step.
+    /// Exchanges values in Event Mode, and updates discrete states in the order of the components, until nothing
+    /// changes. Then all components are ready for a step.
     fn exchange(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
         let unsettled = self.hand_on(time)?;
         for _ in 0..EVENT_ITERATIONS {
@@ -334,7 +334,7 @@ impl ClosedLoop {
         Ok(unsettled)
     }
 
-    /// Initialises all units; a message where values don't settle.
+    /// Initialises all components. Returns a message if values don't converge.
     fn initialise(&mut self, start: f64, stop: f64) -> Result<Option<String>, Error> {
         self.units.iter_mut().try_for_each(|unit| unit.instance.enter_initialization(start, stop))?;
         let unsettled = self.hand_on(None)?;
@@ -345,8 +345,8 @@ impl ClosedLoop {
         Ok(unsettled)
     }
 
-    /// Hands outputs on until they stay, at most as often as there are units: then every value has gone round. Values that may
-    /// go round without a delay settle further, if they do; else there is a message.
+    /// Passes outputs on until they no longer change, at most once for each component: by then every value has reached
+    /// all of them. Values of an algebraic loop are iterated further; a message is returned if they don't converge.
     fn hand_on(&mut self, time: Option<f64>) -> Result<Option<String>, Error> {
         let (mut before, mut rounds) = (Vec::new(), 0);
         while rounds < self.units.len() && !same_bits(&before, &self.row) {
@@ -389,7 +389,7 @@ impl ClosedLoop {
     }
 }
 
-/// True if rows are the same to the last bit, those of what is no number, too.
+/// True if rows are the same to the last bit, NaN included.
 fn same_bits(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }

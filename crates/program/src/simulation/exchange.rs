@@ -1,20 +1,20 @@
-//! A master for model exchange: integrates a unit's equations, and finds its events.
+//! A master for model exchange: integrates the equations of an FMU, and finds its events.
 
 use super::inputs::{Inputs, Side};
 use crate::error::Error;
 use crate::fmu::{Event, Instance, Value};
 use crate::integrator::tableau::{E, STAGES, TABLEAU};
 
-/// A step is never shorter than this part of the time, or of 1 s.
+/// Shortest step, as a part of the time, or of 1 s.
 const SHORTEST: f64 = 1e-13;
-/// A step is made so much shorter than its error would allow, and changes by these factors at most.
+/// Safety factor of the next step, and the limits of its change.
 const SAFETY: f64 = 0.9;
 const FACTORS: (f64, f64) = (0.2, 5.0);
-/// After a step at whose points the unit's equations have no value.
+/// Factor after a step at whose points the FMU's equations have no value.
 const AFTER_REFUSAL: f64 = 0.25;
 /// Bisections of a step that locate an event in it.
 const BISECTIONS: usize = 46;
-/// Events that follow each other within this part of the time, or of 1 s, and how many of them are taken.
+/// Interval of close events, as a part of the time, or of 1 s, and the most of them.
 const CLOSE: f64 = 1e-10;
 const MOST_CLOSE: usize = 100;
 
@@ -28,7 +28,7 @@ pub(super) struct Exchange<'a> {
     states: Vec<f64>,
     indicators: Vec<f64>,
     next_event: Option<f64>,
-    /// The step to try next, s; 0 where none is known.
+    /// The step to try next, s; 0 if unknown.
     step: f64,
     /// Time of the last event, s, and number of close events before it.
     last_event: f64,
@@ -60,7 +60,7 @@ impl<'a> Exchange<'a> {
         })
     }
 
-    /// The unit, at the present time and states.
+    /// The FMU, at the present time and states.
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
@@ -106,13 +106,13 @@ impl<'a> Exchange<'a> {
                     return self.accept(tried, after);
                 }
                 Ok((_, error)) => step = tried * (SAFETY * error.powf(-0.2)).clamp(FACTORS.0, SAFETY),
-                // Only a call that was discarded, or a number that is none, may be tried otherwise.
+                // Only after a discarded call, or NaN, may another step be tried.
                 Err(failure) if !self.instance.may_try_again() || tried * AFTER_REFUSAL < shortest => {
                     return Err(failure);
                 }
                 Err(_) => step = tried * AFTER_REFUSAL,
             }
-            // A number that is none keeps no step from being shorter.
+            // NaN ends the search for a step, too.
             if step.is_nan() || step < shortest {
                 let message = format!(
                     "no integration step reaches the relative tolerance {:e}. The equations may be singular at this \
@@ -124,7 +124,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Goes to the end of a step, or to the first change of an event indicator's sign in it.
+    /// Goes to the end of a step, or to the first sign change of an event indicator in it.
     fn accept(&mut self, step: f64, after: Vec<f64>) -> Result<bool, Error> {
         let start = self.time;
         self.put((start + step, Side::Before), &after)?;
@@ -153,7 +153,7 @@ impl<'a> Exchange<'a> {
         Error::Unit { unit: self.instance.name().to_owned(), function, time: self.time, message }
     }
 
-    /// True if an indicator has another sign where the unit stands than where it was looked at last.
+    /// True if the sign of an indicator at the present point differs from the last one.
     fn crosses(&self) -> Result<bool, Error> {
         if self.indicators.is_empty() {
             return Ok(false);
@@ -169,7 +169,7 @@ impl<'a> Exchange<'a> {
         Ok(())
     }
 
-    /// An event where the unit stands, at which variables get values.
+    /// Handles an event at the present point, at which variables get values.
     pub fn event(&mut self, changes: &[(u32, Value)]) -> Result<(), Error> {
         let is_close = self.time - self.last_event <= CLOSE * self.time.abs().max(1.0);
         self.close = if is_close { self.close + 1 } else { 0 };
@@ -195,7 +195,7 @@ impl<'a> Exchange<'a> {
         self.look()
     }
 
-    /// Puts the unit at a time, its inputs then, and states.
+    /// Sets a time, its inputs, and states.
     fn put(&mut self, (time, side): (f64, Side), states: &[f64]) -> Result<(), Error> {
         self.instance.set_time(time)?;
         if let Some(inputs) = self.inputs {
@@ -204,7 +204,7 @@ impl<'a> Exchange<'a> {
         if states.is_empty() { Ok(()) } else { self.instance.set_states(states) }
     }
 
-    /// The states after a step of Dormand and Prince's method, and the error in what is tolerated.
+    /// The states after a step of Dormand and Prince's method, and the error in parts of the tolerated one.
     fn attempt(&mut self, step: f64) -> Result<(Vec<f64>, f64), Error> {
         let (start, before) = (self.time, self.states.clone());
         if before.is_empty() {
@@ -217,12 +217,12 @@ impl<'a> Exchange<'a> {
             for (weight, rate) in weights.iter().zip(&rates) {
                 after.iter_mut().zip(rate).for_each(|(x, rate)| *x += step * weight * rate);
             }
-            // An input that jumps where the step ends jumps behind it.
+            // An input that jumps at the end of a step jumps after it.
             let side = if node < 1.0 { Side::After } else { Side::Before };
             self.put((start + node * step, side), &after)?;
             rates.push(self.instance.state_derivatives(before.len())?);
         }
-        // The last stage stands where the step ends.
+        // The last stage is at the end of the step.
         let mut worst = 0.0;
         for i in 0..before.len() {
             let error: f64 = E.iter().zip(&rates).map(|(weight, rate)| step * weight * rate[i]).sum();

@@ -26,7 +26,7 @@ struct Column {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// Linear between the times, unless two of them are the same: there it jumps.
+    /// Linear between the times; two equal times are a jump.
     Continuous,
     /// Value of the last time.
     Held,
@@ -48,12 +48,12 @@ pub(super) enum Side {
     After,
 }
 
-/// Names that the column of times may have.
+/// Names of the column of times.
 const TIMES: [&str; 3] = ["time", "Time", "t"];
 /// Jumps that are listed.
 const SHOWN_JUMPS: usize = 5;
 
-/// A table over time, of which some columns are inputs of a unit.
+/// A table over time with columns for inputs of an FMU.
 #[derive(Debug)]
 pub struct Read {
     /// The inputs.
@@ -62,17 +62,17 @@ pub struct Read {
     pub others: Vec<TableColumn>,
     /// Assumptions while the file was read.
     pub assumed: Vec<String>,
-    /// Parts of the file that are no columns of numbers.
+    /// Parts of the file that aren't columns of numbers.
     pub left_out: Vec<String>,
     /// Place of the names in messages.
     head: &'static str,
 }
 
 impl Inputs {
-    /// Reads a file of columns, of which `time` is the time, s, and the others are inputs. In CSV the time is the first.
+    /// Reads a file of columns: `time` is the time, s, and the others are inputs. In CSV the time is the first.
     ///
     /// # Errors
-    /// What is wrong, with its line; a name that is no input of the unit.
+    /// Wrong content, with its line; a name that isn't an input of the FMU.
     pub fn read(file: &Path, description: &ModelDescription) -> Result<Read, Error> {
         let read = Self::read_some(file, description)?;
         let Some(TableColumn { name, .. }) = read.others.first() else { return Ok(read) };
@@ -82,10 +82,10 @@ impl Inputs {
         Err(Error::Description { file: file.to_owned(), reason })
     }
 
-    /// The same of a file that may have other columns too.
+    /// Reads a file that may have other columns, too.
     ///
     /// # Errors
-    /// The line that is wrong, with the reason.
+    /// The wrong line, with the reason.
     pub fn read_some(file: &Path, description: &ModelDescription) -> Result<Read, Error> {
         let refuse = |reason: String| Error::Description { file: file.to_owned(), reason };
         let mut table = tables::read(file, &[])?;
@@ -125,10 +125,10 @@ impl Inputs {
         Ok(Read { inputs, others, assumed, left_out: table.left_out, head })
     }
 
-    /// Inputs of a unit in memory; all of them constant from time to time if asked for.
+    /// Inputs from memory, with a zero-order hold if asked for.
     ///
     /// # Errors
-    /// A name that is no input of the unit, times that go back, or values that an input can't have.
+    /// A name that isn't an input of the FMU, times that don't increase, or values that an input can't have.
     pub fn of_columns(
         description: &ModelDescription,
         times: &[f64],
@@ -161,7 +161,7 @@ impl Inputs {
         self.columns.iter().any(|column| column.reference == reference)
     }
 
-    /// The variables of a unit that have values here.
+    /// The variables of an FMU that have values here.
     pub fn variables<'a>(&self, description: &'a ModelDescription) -> impl Iterator<Item = &'a Variable> {
         of_unit(description).filter(|variable| self.has(variable.reference))
     }
@@ -196,10 +196,10 @@ impl Inputs {
         &self.times
     }
 
-    /// Sets the inputs of a unit to their values at a time: before the first the first, after the last the last.
+    /// Sets the inputs to their values at a time: the first ones before the first time, the last ones after the last.
     ///
     /// # Errors
-    /// When the unit refuses.
+    /// When the FMU refuses.
     pub(crate) fn set(&self, instance: &Instance, time: f64) -> Result<(), Error> {
         for column in &self.columns {
             let (reference, value) = ([column.reference], self.value(column, time));
@@ -221,7 +221,7 @@ impl Inputs {
         Ok(())
     }
 
-    /// The next time after one at which something may jump, or a slope changes.
+    /// The next time after this one at which an input may jump, or a slope changes.
     pub(super) fn next_time(&self, time: f64) -> Option<f64> {
         self.times.get(self.times.partition_point(|&other| other <= time)).copied()
     }
@@ -245,14 +245,14 @@ impl Inputs {
     }
 }
 
-/// The variables of a unit that may have values over time, numbers all of them: inputs, and tunable parameters, which hold from row to
-/// row.
+/// The numeric variables of an FMU that may have values over time: inputs, and tunable parameters, which have a
+/// zero-order hold.
 fn of_unit(description: &ModelDescription) -> impl Iterator<Item = &Variable> {
     let may_move = |v: &&Variable| v.causality == "input" || v.causality == "parameter" && v.variability == "tunable";
     description.variables.iter().filter(may_move).filter(|v| v.kind != "String")
 }
 
-/// Moves the column of times to the front; numerator and denominator of its unit in s.
+/// Moves the column of times to the front; returns numerator and denominator of its unit in s.
 fn time_in_s(table: &mut Table) -> Result<[f64; 2], String> {
     let is_time = |column: &TableColumn| TIMES.contains(&column.name.as_str());
     let named = |name: &&str| table.columns.iter().position(|column| column.name == **name);
@@ -266,7 +266,7 @@ fn time_in_s(table: &mut Table) -> Result<[f64; 2], String> {
     })
 }
 
-/// The conversion of a column to the unit of its variable, in words; none where both are the same.
+/// The conversion of a column to the unit of its variable, in words; none if they are the same.
 pub fn conversion(column: &TableColumn, variable: &Variable) -> Option<String> {
     let (given, own) = (column.unit.as_ref()?, variable.measure.as_ref()?);
     (*given != own.name).then(|| format!("{} was converted from {given} to {}", column.name, own.name))
@@ -281,7 +281,7 @@ pub fn values_of(column: &TableColumn, variable: &Variable) -> Result<Vec<f64>, 
     let given = UnitDefinition::named(given);
     let allowed = format!("must be in {}, or a unit of that quantity", own.name);
     let refuse = || format!("{} is in {}: {allowed}", column.name, given.name);
-    // Of what isn't known nobody knows that it is the same.
+    // Unknown units count as the same only if their names are.
     let is_unknown = given.dimension.is_none() || own.dimension.is_none();
     let conversion = given.to(own).filter(|_| !is_unknown || given.name == own.name).ok_or_else(refuse)?;
     Ok(column.values.iter().map(|value| conversion.of(*value)).collect())
@@ -313,7 +313,7 @@ impl Column {
         Column { reference: variable.reference, kind, values: Vec::new() }
     }
 
-    /// True if it may have a value; what is allowed.
+    /// Checks a value. The error names allowed ones.
     fn check(&self, value: f64) -> Result<(), &'static str> {
         match self.kind {
             _ if !value.is_finite() => Err("must be a finite number"),

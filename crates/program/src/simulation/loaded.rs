@@ -13,7 +13,7 @@ use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::near;
 use crate::structure::{Circles, Component, Event, Link, Order, Structure, check};
 
-/// A loop that is ready to be instantiated.
+/// A loop that is ready for instantiation.
 #[derive(Debug)]
 pub struct LoadedLoop {
     units: Vec<LoadedUnit>,
@@ -36,7 +36,7 @@ pub(crate) struct LoadedUnit {
     recorded: Vec<usize>,
 }
 
-/// Refuses a variable that can't get a value during a run: all but tunable parameters, and inputs unless there is another source.
+/// Refuses changes during a run of all variables but tunable parameters, and inputs without another source.
 pub(super) fn may_change(variable: &Variable, other_source: Option<&str>) -> Result<(), String> {
     match (&*variable.causality, &*variable.variability) {
         ("parameter", "tunable") => Ok(()),
@@ -52,7 +52,7 @@ impl LoadedUnit {
         LoadedUnit { fmu, name: name.to_owned(), prefix, values, recorded }
     }
 
-    /// The value that a variable starts with here.
+    /// The start value of a variable in this loop.
     pub fn value(&self, place: usize) -> Option<Value> {
         let given = self.values.iter().rfind(|(other, _)| *other == place).map(|(_, value)| value.clone());
         given.or_else(|| own_start(&self.fmu.description.variables[place]))
@@ -60,12 +60,12 @@ impl LoadedUnit {
 }
 
 impl LoadedLoop {
-    /// Loads the units of a loop from the FMUs in a folder.
+    /// Loads the FMUs of a loop from a folder.
     ///
     /// # Errors
     /// When an FMU can't be loaded, or a connection or value doesn't fit.
     pub fn new(structure: &Structure, fmus: &Path, hosting: &Hosting) -> Result<Self, Error> {
-        // However many components are of an FMU, it is opened once.
+        // An FMU of several components is opened once.
         let mut known: HashMap<PathBuf, Arc<Fmu>> = HashMap::new();
         Self::of(structure, |component| {
             let file = component.path_in(fmus);
@@ -78,7 +78,7 @@ impl LoadedLoop {
         })
     }
 
-    /// A loop of FMUs that are opened, one a component.
+    /// A loop of opened FMUs, one for each component.
     ///
     /// # Errors
     /// When one can't be opened, or a connection or value doesn't fit.
@@ -96,10 +96,10 @@ impl LoadedLoop {
         LoadedLoop { units, links, notes, circular, changes, order }.in_order(structure.asked_order)
     }
 
-    /// A loop that is one FMU, whose variables have the names that they have in the loop, with start values.
+    /// A loop as a single FMU, whose variables have their names in the loop, with start values.
     ///
     /// # Errors
-    /// When there is no variable of a name.
+    /// When a variable doesn't exist.
     pub fn whole(name: &str, fmu: Arc<Fmu>, values: &[(String, Value)], notes: Vec<String>) -> Result<Self, Error> {
         let place = |(name, value): &(String, Value)| {
             let refuse =
@@ -132,7 +132,7 @@ impl LoadedLoop {
         self.order
     }
 
-    /// True if some units have Event Mode, and all of them where an output may follow from an input without delay.
+    /// True if some components have Event Mode, including all with feedthrough.
     fn prefers_event_mode(&self) -> bool {
         let has = |unit: usize| self.units[unit].fmu.description.has_event_mode();
         let passes = |unit: usize| {
@@ -146,7 +146,7 @@ impl LoadedLoop {
         (0..self.units.len()).any(has) && (0..self.units.len()).all(|unit| has(unit) || !passes(unit))
     }
 
-    /// Its units, in the order in which they are stepped.
+    /// Its components, in the order in which they are stepped.
     pub(crate) fn units(&self) -> &[LoadedUnit] {
         &self.units
     }
@@ -159,7 +159,7 @@ impl LoadedLoop {
         })
     }
 
-    /// The connected Real inputs of a unit: names, signals that they read, and the conversions of these.
+    /// The connected Real inputs of a component: names, their signals, and the conversions of these.
     pub fn sources(&self, name: &str) -> Vec<(String, String, Affine)> {
         let variable = |(unit, variable): (usize, usize)| &self.units[unit].fmu.description.variables[variable];
         let into =
@@ -173,14 +173,14 @@ impl LoadedLoop {
         self.units.iter().map(|unit| format!("{}: {}", unit.name, unit.fmu.told())).collect()
     }
 
-    /// The names of the Real parameters of its units, which a search may tune.
+    /// The names of the Real parameters of its components, which a search may tune.
     pub fn tunable(&self) -> Vec<String> {
         let is_tunable = |v: &Variable| v.causality == "parameter" && v.kind == "Real";
         self.variables().filter(|(_, _, variable)| is_tunable(variable)).map(|(name, _, _)| name).collect()
     }
 
-    /// The full name and the place of a variable that can be given a start value. The unit may be left out of a name that
-    /// only one has.
+    /// The full name and the place of a variable that can have a start value. The component may be left out of a name
+    /// that only one has.
     ///
     /// # Errors
     /// When there is none, there are several, or it can't be set.
@@ -218,28 +218,28 @@ impl LoadedLoop {
         is_fixed.then(|| why_fixed(found))
     }
 
-    /// A text as a start value of a variable, within the bounds that its FMU names.
+    /// A start value of a variable, from a text, within the bounds of its FMU.
     ///
     /// # Errors
-    /// What is allowed.
+    /// Values that are allowed.
     pub fn start_value(&self, Place { unit, variable }: Place, text: &str) -> Result<Value, String> {
         let variable = &self.units[unit].fmu.description.variables[variable];
         within_limits(typed(text, variable)?, variable)
     }
 
-    /// Gives variables values while it runs.
+    /// Adds events that change variables during the run.
     ///
     /// # Errors
-    /// An event of a variable that isn't there, can't change in a run, or can't have the value.
+    /// An event of a variable that doesn't exist, can't change during a run, or can't have the value.
     pub fn with_events(mut self, events: &[Event]) -> Result<Self, Error> {
         self.changes = self.changes_of(events)?;
         Ok(self)
     }
 
-    /// The changes of variables that events are.
+    /// Changes of variables by events.
     ///
     /// # Errors
-    /// As [`LoadedLoop::with_events`].
+    /// See [`LoadedLoop::with_events`].
     pub fn changes_of(&self, events: &[Event]) -> Result<Vec<Change>, Error> {
         let change = |event: &Event| {
             let refuse = |reason: String| event.origin.refuse(&reason);
@@ -251,7 +251,7 @@ impl LoadedLoop {
         events.iter().map(change).collect()
     }
 
-    /// The variables that may get a value while the loop runs: tunable parameters, and inputs that are open.
+    /// The variables that may change during a run: tunable parameters, and unconnected inputs.
     pub fn changeables(&self) -> impl Iterator<Item = (String, Place, &Variable)> {
         self.variables().filter(|(_, place, variable)| self.check_changeable(*place, variable).is_ok())
     }
@@ -271,7 +271,7 @@ impl LoadedLoop {
         Err(format!("there is no `{name}` that may change during a run; {}", near::choice(name, &known, "")))
     }
 
-    /// Records these signals too, where units have variables of these names: they need not be outputs.
+    /// Records these signals too, if components have such variables: they need not be outputs.
     #[must_use]
     pub fn recording<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
         for name in names {
@@ -285,7 +285,7 @@ impl LoadedLoop {
         self
     }
 
-    /// A recording of what is recorded of the loop, without points.
+    /// An empty recording of the loop's signals.
     pub fn signals(&self) -> Recording {
         let recorded = self.units.iter().flat_map(|LoadedUnit { fmu, prefix, recorded, .. }| {
             let variables = recorded.iter().map(|&place| &fmu.description.variables[place]);
@@ -295,7 +295,7 @@ impl LoadedLoop {
         Recording { columns: vec![Vec::new(); names.len()], names, measures, ..Recording::default() }
     }
 
-    /// All variables of the units, with their names in the loop.
+    /// All variables of the components, with their names in the loop.
     pub fn variables(&self) -> impl Iterator<Item = (String, Place, &Variable)> {
         self.units.iter().enumerate().flat_map(|(unit, LoadedUnit { fmu, prefix, .. })| {
             let variables = fmu.description.variables.iter().enumerate();
@@ -303,7 +303,7 @@ impl LoadedLoop {
         })
     }
 
-    /// The start value that the loop gives a variable; none where the FMU's own stays.
+    /// The start value that the loop sets; none if that of the FMU stays.
     pub fn given(&self, Place { unit, variable }: Place) -> Option<&Value> {
         self.units[unit].values.iter().find(|(place, _)| *place == variable).map(|(_, value)| value)
     }
@@ -313,27 +313,27 @@ impl LoadedLoop {
         &self.notes
     }
 
-    /// The value that a variable starts with in this loop.
+    /// The value of a variable at the start of this loop.
     pub fn value_of(&self, Place { unit, variable }: Place) -> Option<Value> {
         self.units[unit].value(variable)
     }
 
-    /// The value that a Real variable starts with in this loop.
+    /// The value of a Real variable at the start of this loop.
     pub fn start_of(&self, place: Place) -> Option<f64> {
         if let Value::Real(value) = self.value_of(place)? { Some(value) } else { None }
     }
 
-    /// True if several instances can be there at a time.
+    /// True if several instances may exist at a time.
     pub fn can_be_multiplied(&self) -> bool {
         let only_once = |name: &str| name == "canBeInstantiatedOnlyOncePerProcess";
         let is_single = |fmu: &Fmu| fmu.description.capabilities.iter().any(|(name, _)| only_once(name));
         !self.units.iter().any(|unit| !unit.fmu.has_own_processes() && is_single(&unit.fmu))
     }
 
-    /// Instantiates and connects the units, with further start values of Real variables.
+    /// Instantiates and connects the components, with further start values of Real variables.
     ///
     /// # Errors
-    /// When a unit refuses.
+    /// When a component refuses.
     pub fn instantiate(&self, further: &[(Place, f64)]) -> Result<ClosedLoop, Error> {
         let further: Vec<_> = further.iter().map(|(place, value)| (*place, Value::Real(*value))).collect();
         self.instantiate_with(&further)
@@ -342,15 +342,15 @@ impl LoadedLoop {
     /// The same with further start values of any type.
     ///
     /// # Errors
-    /// When a unit refuses.
+    /// When a component refuses.
     pub fn instantiate_with(&self, further: &[(Place, Value)]) -> Result<ClosedLoop, Error> {
         self.instantiate_changing(further, &[])
     }
 
-    /// The same with further changes while it runs.
+    /// The same with further changes during the run.
     ///
     /// # Errors
-    /// When a unit refuses.
+    /// When a component refuses.
     pub fn instantiate_changing(&self, further: &[(Place, Value)], changes: &[Change]) -> Result<ClosedLoop, Error> {
         let changes = [&self.changes[..], changes].concat();
         let mut closed = ClosedLoop::empty(self.notes.clone(), self.circular, changes, self.order);

@@ -1,4 +1,4 @@
-//! Loops and single FMUs, run: instances that exchange values, and what is recorded of them.
+//! Runs of loops and single FMUs: instances that exchange values, and their recordings.
 
 mod alone;
 mod closed_loop;
