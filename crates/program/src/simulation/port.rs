@@ -95,7 +95,7 @@ impl Port {
             .for_each(|(value, (&place, conversion))| *value = conversion.of(row[place]));
     }
 
-    /// Whole numbers pass through the row unchanged: it holds them exactly.
+    /// Whole numbers pass through the row unchanged, as it represents them exactly.
     fn filled<'a>(&mut self, row: &[f64], integers: &'a mut [i32]) -> &'a [i32] {
         self.fill(row);
         let integers = &mut integers[..self.values.len()];

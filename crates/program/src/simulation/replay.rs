@@ -1,4 +1,4 @@
-//! A record against what a unit does with it: before a loop is closed, the controls that a controller would have given.
+//! Comparison of an FMU with a record before a loop is closed: the controls that a controller would have given.
 
 use super::inputs::values_of;
 use super::recording::Recording;
@@ -9,23 +9,23 @@ use crate::tables::Column;
 
 /// Delays of the record that are tried, in communication steps.
 const DELAYS: usize = 4;
-/// A delay is one where the difference is at most this part of that without it.
+/// Factor by which a delay must reduce the difference to count.
 const NEARER: f64 = 0.5;
-/// Ending of names of what was recorded.
+/// Suffix of the names of recorded signals.
 const RECORDED: &str = "_recorded";
 /// Variables that count limits and bounds, with words for a value above 0.
 const COUNTED: [(&str, &str); 2] =
     [("time_at_limit", "a control is at its limit"), ("projection_active", "an estimate is at its bound")];
 
-/// Outputs of a unit, and the columns of a record that they are compared with.
+/// Outputs of an FMU, and the columns of a record that they are compared with.
 #[derive(Debug)]
 pub struct Replay {
     times: Vec<f64>,
-    /// Names, and what was recorded in the units of the outputs.
+    /// Names, and recorded values in the units of the outputs.
     compared: Vec<(String, Vec<f64>)>,
     /// Variables to record besides.
     pub further: Vec<String>,
-    /// Columns of the record that nothing is done with.
+    /// Columns of the record that are not used.
     pub unused: Vec<String>,
 }
 
@@ -40,10 +40,10 @@ pub struct Compared {
     pub difference: Difference,
 }
 
-/// Difference of an output from its record, at a delay where that is clear.
+/// Difference of an output from its record, at a delay if that is clear.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// The part of the recorded motion that the output follows, %; none of a record that doesn't move.
+    /// The part of the recorded motion that the output follows, %; none for a constant record.
     pub fit: Option<f64>,
     /// Its root mean square.
     pub rms: f64,
@@ -69,10 +69,10 @@ pub struct Share {
 }
 
 impl Replay {
-    /// A replay of a record with these times and columns; the names are those that are compared.
+    /// A replay of a record with these times and columns; the outputs with these names are compared.
     ///
     /// # Errors
-    /// A name that isn't an output of the unit and a column of the record.
+    /// A name that isn't both an output of the FMU and a column of the record.
     pub fn new(
         description: &ModelDescription,
         names: &[String],
@@ -100,7 +100,7 @@ impl Replay {
         Ok(Replay { times: times.to_vec(), compared, further, unused })
     }
 
-    /// Compares a run with the record, and adds what was recorded to it.
+    /// Compares a run with the record, and adds the recorded signals to it.
     pub fn compare(&self, recording: &mut Recording) -> (Vec<Compared>, Vec<Share>) {
         let mut compared = Vec::new();
         for (name, recorded) in &self.compared {
@@ -124,7 +124,7 @@ impl Replay {
         (compared, shares)
     }
 
-    /// A column at a time, constant from row to row.
+    /// A column at a time, with a zero-order hold.
     fn held(&self, values: &[f64], time: f64) -> f64 {
         // Times of a grid and of a record may differ by rounding.
         let after = self.times.partition_point(|&row| row <= time + 1e-9 * time.abs().max(1e-9));
@@ -133,15 +133,15 @@ impl Replay {
 }
 
 impl Difference {
-    /// The difference from a record that may be late: the output at the end of a step follows from what was measured at its
-    /// beginning. `None` where nothing was recorded.
+    /// The difference from a record that may be late. The output at the end of a step depends on the record at its
+    /// beginning. `None` if nothing was recorded.
     fn least(own: &[f64], record: &[f64], times: &[f64]) -> Option<Self> {
         let delayed = (0..DELAYS).filter_map(|delay| Self::at(delay, own, record, times));
         delayed.reduce(|least, one| if one.rms < NEARER * least.rms { one } else { least })
     }
 
     fn at(delay: usize, own: &[f64], record: &[f64], times: &[f64]) -> Option<Self> {
-        // Output k + 1 is of the step that begins at k.
+        // Output k + 1 is that of the step that begins at k.
         let pairs = (1..own.len()).filter_map(|k| Some((times[k], own[k], *record.get(k + delay - 1)?)));
         let pairs: Vec<_> = pairs.filter(|(.., recorded)| recorded.is_finite()).collect();
         let count = pairs.len() as f64;
@@ -165,7 +165,7 @@ mod tests {
         let signal = |k: i32| (0.3 * f64::from(k)).sin();
         let own: Vec<_> = (0..50).map(signal).collect();
         for delay in 0..4 {
-            // The output at k + 1 is of what was measured at k, which the record has `delay` steps later.
+            // The output at k + 1 depends on the record at k, which is `delay` steps late.
             let record: Vec<_> = (0..50).map(|k| signal(k + 1 - delay)).collect();
             let found = Difference::least(&own, &record, &times).unwrap();
             assert_eq!(found.delay, delay as usize);

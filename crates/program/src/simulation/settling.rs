@@ -1,8 +1,8 @@
 //! Checks if the values of an algebraic loop converge.
 
-/// The most rounds: what shrinks by a fifth a round has settled by then.
+/// The most iterations: a change that shrinks by a fifth in each is below the limit by then.
 const MOST_ROUNDS: usize = 100;
-/// The change in a round, for a value's largest magnitude, below which it has settled.
+/// The change in an iteration, relative to a value's largest magnitude, below which it has converged.
 const SETTLED: f64 = 1e-9;
 /// Growth of a value, from its largest magnitude after the first round, that counts as divergence.
 const GROWTH: f64 = 1e3;
@@ -13,10 +13,10 @@ pub(super) struct Settling {
     last: Vec<f64>,
     /// Largest magnitude of each so far.
     largest: Vec<f64>,
-    /// Largest magnitude of each after the first round.
+    /// Largest magnitude of each after the first iteration.
     begun: Vec<f64>,
     rounds: usize,
-    /// The value that changed most for its magnitude in the last round, and by how much.
+    /// The value that changed most relative to its magnitude in the last iteration, and its change.
     moves_most: (usize, f64),
     grows: bool,
 }
@@ -33,14 +33,14 @@ impl Settling {
         self.rounds < MOST_ROUNDS && !self.grows
     }
 
-    /// Takes the values after a round; whether they have settled.
+    /// Takes the values after an iteration. Returns true if they have converged.
     pub fn next(&mut self, row: &[f64]) -> bool {
         let mut most = 0.0;
         for (k, &value) in row.iter().enumerate() {
             let change = value - self.last[k];
             self.largest[k] = self.largest[k].max(value.abs());
             let scaled = if change == 0.0 { 0.0 } else { change.abs() / self.largest[k] };
-            // A change that is no number is the largest of all.
+            // NaN is the largest change of all.
             if scaled > most || scaled.is_nan() {
                 (most, self.moves_most) = (if scaled.is_nan() { f64::INFINITY } else { scaled }, (k, change));
             }
@@ -55,7 +55,7 @@ impl Settling {
         most <= SETTLED
     }
 
-    /// The place of the value that changed most for its magnitude in the last round, and by how much.
+    /// The place of the value that changed most relative to its magnitude in the last iteration, and its change.
     pub fn moves_most(&self) -> (usize, f64) {
         self.moves_most
     }
@@ -70,7 +70,7 @@ impl Settling {
 mod tests {
     use super::*;
 
-    /// Rounds of the map gain · value + 1 of the second of two values; none where it didn't settle.
+    /// Iterates value ← gain · value + 1 for the second of two values; none if it doesn't converge.
     fn rounds(gain: f64, start: f64) -> (Option<f64>, Settling) {
         let mut row = [7.0, start];
         let mut settling = Settling::new(&row);

@@ -1,9 +1,9 @@
-//! MATLAB's files of version 5 and 7, which is 5 with compressed variables: numeric variables over time as columns.
+//! MATLAB files of version 5 and 7, which is 5 with compressed variables: numeric variables over time as columns.
 //!
-//! `time` is the time. Vectors as long as it are columns by their names, an array with so many rows is a column for each
-//! element, `x[2]` or `K[1,2]`. Fields of a struct are variables too, `plant.x`. Units of measurement may be in a struct `units` of
-//! the same form, in a cell array where elements have several, and the names that MATLAB doesn't allow in one called `names`, as
-//! `Result.to_mat` of the Python package writes them.
+//! Vectors as long as `time` are columns under their names. An array with as many rows is a column for each element,
+//! `x[2]` or `K[1,2]`. Fields of a struct are variables too, `plant.x`. Units of measurement may be in a struct `units`
+//! of the same form, or in a cell array for several elements. Names that MATLAB doesn't allow may be in a struct
+//! `names`, as written by `Result.to_mat` of the Python package.
 
 mod elements;
 
@@ -14,7 +14,7 @@ use super::Budget;
 
 /// The text at the beginning of a file.
 pub const BEGIN: &[u8] = b"MATLAB ";
-/// The same of version 7.3, where MATLAB puts no text in front.
+/// The same for version 7.3, where MATLAB writes no text in front.
 pub const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 /// Names of the time.
 const TIMES: [&str; 3] = ["time", "Time", "t"];
@@ -25,14 +25,14 @@ const NAMES: &str = "names";
 /// Reads a table. Variables with these names are read as text.
 ///
 /// # Errors
-/// The reason for which it can't be read.
+/// The reason why it can't be read.
 pub fn read(bytes: &[u8], texts: &[&str], budget: &mut Budget) -> Result<Table, String> {
     let (mut variables, mut found) = (variables(bytes, budget)?, Found::default());
     let [units, names] = [UNITS, NAMES].map(|name| {
         let is_about = |array: &Array| array.name == name && matches!(array.content, Content::Struct(_));
         variables.iter().position(is_about).map(|place| variables.remove(place))
     });
-    // A single struct is taken for what it holds.
+    // A single struct counts as its fields.
     let single = match &mut variables[..] {
         [Array { content: Content::Struct(fields), name, .. }] => Some((name.clone(), std::mem::take(fields))),
         _ => None,
@@ -71,7 +71,7 @@ struct Found {
 }
 
 impl Found {
-    /// Adds the columns of a variable, with what `units` and `names` have at the same place.
+    /// Adds the columns of a variable, with the entries of `units` and `names` at the same place.
     fn add(&mut self, variable: Array, before: &str, labels: [Option<&Array>; 2], rows: usize, texts: &[&str]) {
         let Array { name, dims, content } = variable;
         let [units, names] = labels.map(|label| label.and_then(|label| label.field(&name)));
@@ -117,7 +117,7 @@ impl Found {
         let name = given.clone().unwrap_or(name);
         let has_index = given.is_some() && name.ends_with(']');
         let sizes = if dims.first() == Some(&rows) { &dims[1..] } else { &[] };
-        // Sizes of 1 at the end are none, unless the name has an index for them.
+        // Sizes of 1 at the end don't count, unless the name has an index for them.
         let count = if has_index {
             name.rsplit_once('[').map_or(1, |(_, index)| index.split(',').count())
         } else {

@@ -1,7 +1,7 @@
 //! Tables of numbers from files: CSV, Apache Parquet, and MATLAB's files of version 5 to 7.
 //!
-//! The first bytes of a file show its format. Files of other tools may be damaged or hostile: sizes that they name are compared
-//! with what is there, and a budget limits their contents.
+//! The first bytes of a file show its format. Files of other tools may be damaged or hostile, so the sizes that they
+//! name are compared with their length, and a budget limits their contents.
 
 mod mat;
 mod parquet;
@@ -15,10 +15,10 @@ pub use adaptive_fmu_identification::csv::{Column, Table};
 use crate::error::Error;
 use crate::{begun, text_file};
 
-/// Endings of the names of files with tables.
+/// Suffixes of files with tables.
 pub const ENDINGS: [&str; 3] = ["csv", "parquet", "mat"];
 
-/// True if the name of a file has an ending of a table.
+/// True if a file's name has the suffix of a table.
 pub fn is_table(file: &Path) -> bool {
     ENDINGS.iter().any(|ending| has_ending(file, ending))
 }
@@ -47,18 +47,18 @@ pub fn read(file: &Path, texts: &[&str]) -> Result<Table, Error> {
 /// The table of a Parquet or MATLAB file.
 ///
 /// # Errors
-/// The reason for which there is none.
+/// The reason why there is none.
 pub fn of_bytes(bytes: &[u8], is_parquet: bool, texts: &[&str]) -> Result<Table, String> {
     let mut budget = Budget::of(bytes);
     if is_parquet { parquet::read(bytes, texts, &mut budget) } else { mat::read(bytes, texts, &mut budget) }
 }
 
-/// The memory that may still be used for the contents of a file, in bytes.
+/// Memory left for the contents of a file, in bytes.
 #[derive(Debug)]
 struct Budget(usize);
 
 impl Budget {
-    /// Bytes for any file, and for each byte of one: tables that are nearly constant compress well.
+    /// Bytes for any file, and for each byte of one: nearly constant tables compress well.
     const LEAST: usize = 1 << 25;
     const EACH: usize = 256;
 
@@ -72,7 +72,7 @@ impl Budget {
         Ok(())
     }
 
-    /// Reads what a decompressor gives, of this size if it is known.
+    /// Reads the output of a decompressor, of this size if it is known.
     fn inflate(&mut self, reader: impl Read, size: Option<usize>) -> Result<Vec<u8>, String> {
         let most = size.unwrap_or(self.0).min(self.0);
         let mut bytes = Vec::new();

@@ -122,7 +122,7 @@ fn damaged_files_are_refused_or_read() {
     for whole in [parquet(), mat(&vectors)] {
         let is_parquet = whole.starts_with(parquet::MAGIC);
         for length in 0..whole.len().min(4000) {
-            // What is cut off is damaged, except between variables.
+            // A truncated file is damaged, except between variables.
             let told = of_bytes(&whole[..length], is_parquet, &[]);
             assert!(!is_parquet || told.is_err());
         }
@@ -132,7 +132,7 @@ fn damaged_files_are_refused_or_read() {
                 let place = random.usize(..bytes.len());
                 bytes[place] = random.u8(..);
             }
-            // The metadata are at the end of Parquet.
+            // Parquet has its metadata at the end.
             if is_parquet && random.bool() {
                 let place = bytes.len() - 1 - random.usize(..bytes.len().min(500));
                 bytes[place] = random.u8(..);

@@ -4,16 +4,16 @@ use serde_json::Value;
 
 use super::{Motion, Question};
 
-/// A value in a file, and the way to it.
+/// A value in a file, with its path.
 struct Place<'a> {
     path: String,
     value: &'a Value,
 }
 
-/// A best position in a file: the position as it is written, and its value.
+/// A best position in a file: the position as written, and its value.
 type Found<'a> = (&'a Value, f64);
 
-/// Checks a swarm as a file holds it, which must be one of that question.
+/// Checks the swarm of a file against its question.
 ///
 /// # Errors
 /// The key, its value and what is allowed.
@@ -77,7 +77,7 @@ fn check_best(swarm: &Place, best: Option<Found>, found: &[Found]) -> Result<(),
     }
 }
 
-/// The best value so far never grows, and ends at that of the swarm.
+/// The best value so far never increases, and ends at that of the swarm.
 fn check_history(history: &Place, best: Option<f64>, particles: usize) -> Result<(), String> {
     let Value::Array(generations) = history.value else { return Err(history.wrong("must be a list")) };
     let mut before = f64::INFINITY;
@@ -158,7 +158,7 @@ impl<'a> Place<'a> {
     }
 
     fn wrong(&self, allowed: &str) -> String {
-        /// A part of a long list or text is enough.
+        /// The beginning of a long list or text is enough.
         const SHOWN: usize = 60;
         let text = self.value.to_string();
         let shown: String = text.chars().take(SHOWN).collect();

@@ -4,7 +4,7 @@ use super::Objective;
 use crate::results::Difference;
 use crate::structure::{Settings, SquareTerm, Statistic, Structure};
 
-/// A floor counts where it is above a value by more than rounding errors of sums in another order.
+/// A floor must exceed a value by more than rounding errors of sums in another order.
 const ROUNDING: f64 = 1e-9;
 
 /// Lower bound of an objective from the points so far.
@@ -49,7 +49,7 @@ impl Floor {
         Some(Floor { differences, kind, start: settings.start_time, value: 0.0 })
     }
 
-    /// Takes a further point; whether the objective can still come below a value.
+    /// Takes a further point. Returns true if the objective can still come below a value.
     pub fn add(&mut self, time: f64, row: &[f64], below: f64) -> bool {
         let since = time - self.start;
         let values = self.differences.iter().map(|(weight, of)| (weight, of.of(|place| row[place], since)));
@@ -72,7 +72,7 @@ impl Floor {
     }
 }
 
-/// True if a time in samples is that of one.
+/// True if a time, in samples, is that of a sample.
 pub(super) fn is_whole(samples: f64) -> bool {
     (samples - samples.round()).abs() < 1e-6
 }
@@ -87,7 +87,7 @@ mod tests {
         Settings { start_time, stop_time: start_time + 2.0, step: 0.25 }
     }
 
-    /// Squares with random weights: the floor ends at the objective, and never falls.
+    /// Squares with random weights: the floor ends at the objective, and never decreases.
     #[test]
     fn a_floor_of_squares_grows_to_the_objective() {
         let structure = LoopFiles::find("3.2.1-cosine").unwrap().structure().unwrap();
@@ -113,7 +113,7 @@ mod tests {
                 Recording { names, measures: vec![String::new(); 2], times, columns, ..Recording::default() };
             let value = objective.value(&bare, &mut recording).unwrap();
             assert!((floor.value() / value - 1.0).abs() < 1e-12, "{} for {value}", floor.value());
-            // Above its value it ends, below it doesn't.
+            // It ends above its value, and goes on below.
             let mut again = Floor::new(&objective, &structure, &signals, settings).unwrap();
             let row = |k: usize| [recording.columns[0][k], recording.columns[1][k]];
             assert!((0..9).all(|k| again.add(recording.times[k], &row(k), value)));

@@ -1,4 +1,4 @@
-//! Tuning parameters of a closed loop by a particle swarm.
+//! Tuning of parameters of a closed loop by a particle swarm.
 
 mod check;
 mod floor;
@@ -21,7 +21,7 @@ use crate::system::NO_LIMIT;
 use crate::workers::{Workers, results};
 use crate::{near, parallel};
 
-/// A parameter that is searched, with its bounds in its own unit.
+/// A parameter of the search, with its bounds in its own unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Range {
     /// Its name, `unit.variable`.
@@ -32,7 +32,7 @@ pub struct Range {
     pub high: f64,
 }
 
-/// A search: a loop, what is varied in it, and by what it is judged.
+/// A search: a loop, its varied parameters, and an objective.
 #[derive(Debug)]
 pub struct Search {
     structure: Structure,
@@ -54,7 +54,7 @@ pub enum Outcome {
     Value(f64),
     /// Reason why there is none.
     Failed(String),
-    /// The user asked to stop before its end.
+    /// The user stopped it before its end.
     Interrupted,
 }
 
@@ -63,7 +63,7 @@ pub enum Outcome {
 pub struct Job {
     /// Values of the parameters.
     pub position: Vec<f64>,
-    /// The run may end when its objective can't come below this; none: it goes to its end.
+    /// The run may end when its objective can't come below this; none for a complete run.
     pub bound: Option<f64>,
 }
 
@@ -73,7 +73,7 @@ impl Outcome {
         if let Outcome::Value(value) = self { Some(*value) } else { None }
     }
 
-    /// The worse of two: an end by the user, a failure, the larger objective.
+    /// The worse of two: a stop by the user, then a failure, then the larger objective.
     fn or_worse(self, other: Self) -> Self {
         match (self, other) {
             (Outcome::Interrupted, _) | (_, Outcome::Interrupted) => Outcome::Interrupted,
@@ -84,10 +84,11 @@ impl Outcome {
 }
 
 impl Search {
-    /// A search in a loop that was loaded so often as loops may run at a time.
+    /// A search in a loop with one copy for each parallel run.
     ///
     /// # Errors
-    /// When there is nothing to tune, a parameter isn't there or has no bounds, or the objective doesn't fit the loop.
+    /// When there is nothing to tune, a parameter doesn't exist or has no bounds, or the objective doesn't fit the
+    /// loop.
     pub fn new(
         structure: Structure,
         settings: Settings,
@@ -112,7 +113,7 @@ impl Search {
         Ok(Search { structure, settings, objective, ranges, places, loops, others: Vec::new() })
     }
 
-    /// The largest objective of this search and of others, which vary the same parameters in loops with other ones, counts.
+    /// Minimises the largest objective of this search and of others, which vary the same parameters in other loops.
     #[must_use]
     pub fn worst_of(self, others: Vec<Search>) -> Self {
         Search { others, ..self }
@@ -123,7 +124,7 @@ impl Search {
         &self.ranges
     }
 
-    /// The values that the loop starts with as it is.
+    /// The start values of the loop.
     pub fn present(&self) -> Option<Vec<f64>> {
         self.places.iter().map(|&place| self.loops[0].start_of(place)).collect()
     }
@@ -134,7 +135,7 @@ impl Search {
         self.present().filter(|values| values.iter().zip(&self.ranges).all(|(value, range)| inside(value, range)))
     }
 
-    /// Has workers run the loop with each of the positions; see [`Search::run`]. Those that aren't run are interrupted.
+    /// Has workers run the loop with each of the positions; see [`Search::run`]. Those not run count as interrupted.
     pub fn hand_out(
         &self,
         workers: &dyn Workers,
@@ -174,7 +175,7 @@ impl Search {
         self.run_all(positions, bounds, told, &is_interrupted)
     }
 
-    /// Runs this loop with each of the positions; what becomes of an outcome is decided on its thread.
+    /// Runs this loop with each of the positions; `decided` handles an outcome on its thread.
     fn run_all(
         &self,
         positions: &[&[f64]],
@@ -220,7 +221,7 @@ impl Search {
     }
 }
 
-/// The bounds of a parameter, as they are given or else those of the FMU, and where it is.
+/// The bounds of a parameter, given or else those of the FMU, and its place.
 fn range(parameter: &TunedParameter, loaded: &LoadedLoop) -> Result<(Range, Place), String> {
     let TunedParameter { name, low, high } = parameter;
     let (place, variable) = loaded
@@ -233,7 +234,7 @@ fn range(parameter: &TunedParameter, loaded: &LoadedLoop) -> Result<(Range, Plac
     let allowed = |bound: &Option<String>| bound.as_ref().and_then(|text| text.parse::<f64>().ok());
     let (min, max) = (allowed(&variable.min), allowed(&variable.max));
     let bound = |own: Option<f64>, of_fmu: Option<f64>, word: &str| {
-        // What is no limit bounds no search.
+        // A value that means no limit is no bound.
         own.or(of_fmu.filter(|bound| bound.abs() < NO_LIMIT)).ok_or_else(|| {
             format!("`{name}` has no {word} bound, and its FMU declares none: give both bounds, {name}=LOW..HIGH")
         })

@@ -43,10 +43,10 @@ impl FromStr for SquareTerm {
 }
 
 impl Objective {
-    /// True if runs of a loop can be judged by it.
+    /// Checks that it can evaluate runs of a loop.
     ///
     /// # Errors
-    /// The signal or metric that isn't there, or the points at which nothing will be known.
+    /// The signal or metric that doesn't exist, or a sample time that isn't a multiple of the communication step.
     pub fn check(&self, structure: &Structure, mut signals: Recording, settings: Settings) -> Result<(), String> {
         let (terms, sample) = match self {
             Objective::Metric(label) => {
@@ -77,10 +77,10 @@ impl Objective {
         Ok(())
     }
 
-    /// Its value of a whole run.
+    /// Its value for a whole run.
     ///
     /// # Errors
-    /// Why it has none.
+    /// The reason why it has none.
     pub fn value(&self, structure: &Structure, recording: &mut Recording) -> Result<f64, String> {
         let measured = measure(structure, recording)?;
         let value = match self {

@@ -63,10 +63,10 @@ impl Record {
         sealed::write(file, serde_json::to_value(self).map_err(|error| Error::file(file)(error.into()))?)
     }
 
-    /// Reads the swarm of a file, to go on with.
+    /// Reads the swarm of a file, to go on from it.
     ///
     /// # Errors
-    /// When it can't be read, answers another question, or holds what no search leaves.
+    /// When it can't be read, is for another problem, or isn't the state of a search.
     pub fn resume(file: &Path, question: &Question) -> Result<Swarm, Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let no_search = |error: serde_json::Error| refuse(format!("is not a search that can be continued: {error}"));
@@ -77,7 +77,7 @@ impl Record {
         }
         let changed = |reason| format!("can't be continued: {reason}. The file was changed");
         check(&record["swarm"], question).map_err(changed).map_err(refuse)?;
-        // One that an earlier version wrote has none; each of its values has been checked.
+        // A file of an earlier version has none; each of its values has been checked.
         if fits == Some(false) {
             return Err(refuse(changed("its content doesn't match its checksum".to_owned())));
         }
@@ -86,7 +86,7 @@ impl Record {
     }
 }
 
-/// A parameter set in the format of SSP (.ssv) with values of Real parameters, and a remark.
+/// Writes a parameter set in the format of SSP (.ssv) with values of Real parameters, and a remark.
 ///
 /// # Errors
 /// When it can't be written.
@@ -95,7 +95,7 @@ pub fn parameter_set(name: &str, remark: &str, values: &[(&str, f64)]) -> std::i
     typed_set(name, remark, &values)
 }
 
-/// A parameter set likewise, of values of several types: name, type as SSP names it, and text of each.
+/// Writes a parameter set with values of several types: name, type as SSP names it, and text of each.
 ///
 /// # Errors
 /// When it can't be written.

@@ -54,7 +54,7 @@ struct Particle {
 pub struct Generation {
     /// The best value of all generations so far; none where none has a value.
     pub best: Option<f64>,
-    /// The median of the particles' best values so far, those without one counted as worst.
+    /// The median of the particles' best values so far; those without one count as worst.
     pub median: Option<f64>,
     /// Number of positions without a value.
     pub failed: usize,
@@ -76,7 +76,7 @@ impl Swarm {
     /// A swarm of particles anywhere within the bounds; the first one at `start`, if there is one.
     ///
     /// # Panics
-    /// Without particles or bounds, or with a start of another size than theirs.
+    /// Without particles or bounds, or with a start of a different size.
     pub fn new(particles: usize, bounds: Vec<(f64, f64)>, start: Option<Vec<f64>>, motion: Motion, seed: u64) -> Self {
         assert!(particles > 0 && !bounds.is_empty(), "a swarm needs particles and parameters");
         let mut random = Rng::with_seed(seed);
@@ -146,7 +146,7 @@ impl Swarm {
         let mut random = Rng::with_seed(self.random);
         for Particle { position, velocity, best } in &mut self.particles {
             for (k, &(low, high)) in self.bounds.iter().enumerate() {
-                // A particle that has no best position yet is pulled to none.
+                // A particle without a best position is pulled to none.
                 let mut pull = |strength: f64, to: Option<&Best>| {
                     strength * random.f64() * to.map_or(0.0, |best| best.position[k] - position[k])
                 };
@@ -155,7 +155,7 @@ impl Swarm {
                 velocity[k] = (inertia * velocity[k] + pulls).clamp(-limit, limit);
                 let target = position[k] + velocity[k];
                 position[k] = target.clamp(low, high);
-                // What runs into a bound stays there until it is pulled back.
+                // A particle that hits a bound stays there until it is pulled back.
                 if target != position[k] {
                     velocity[k] = 0.0;
                 }
@@ -165,7 +165,7 @@ impl Swarm {
     }
 }
 
-/// True if a value is better than the best one, if there is one.
+/// True if a value is better than the best one, if any.
 pub fn is_better(value: f64, best: Option<&Best>) -> bool {
     best.is_none_or(|best| value < best.value)
 }

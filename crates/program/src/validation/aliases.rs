@@ -9,13 +9,13 @@ use super::text::{boolean, double};
 use super::types::{Types, types};
 use super::variables::{SECTION, Variable};
 
-/// Checks that variables of one value agree about it.
+/// Checks that variables with the same value agree on it.
 pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings) {
     let types = types(root);
     let mut shared: BTreeMap<(&str, u32), Vec<&Variable>> = BTreeMap::new();
     for variable in variables {
         if let Some(reference) = variable.reference {
-            // By the standard the functions for Integer are those for Enumeration too.
+            // In the standard, Enumeration uses the functions of Integer.
             let kind = if variable.kind == "Enumeration" { "Integer" } else { variable.kind };
             shared.entry((kind, reference)).or_default().push(variable);
         }
@@ -25,7 +25,7 @@ pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings)
     }
 }
 
-/// True if two constants have the same value, however it is written.
+/// True if two constants have the same value, in any notation.
 fn same_value(first: &Variable, second: &Variable) -> bool {
     let (Some(a), Some(b)) = (first.attribute("start"), second.attribute("start")) else {
         return first.attribute("start") == second.attribute("start");

@@ -35,7 +35,7 @@ impl Archive {
         exporter::read_bytes(&self.file, name)
     }
 
-    /// The text of its description, where it has one. That it isn't in UTF-8 is a finding.
+    /// The text of its description, if any. An encoding other than UTF-8 is a finding.
     pub fn description(&self, findings: &mut Findings) -> Result<Option<String>, Error> {
         if !self.has(DESCRIPTION) {
             return Ok(None);
@@ -111,7 +111,7 @@ impl Archive {
         }
     }
 
-    /// The libraries of an identifier, for whatever platform.
+    /// The libraries of an identifier, for any platform.
     pub fn libraries(&self, identifier: &str) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str).filter(move |name| {
             let file = name.strip_prefix("binaries/").and_then(|rest| rest.split_once('/')).map(|(_, file)| file);

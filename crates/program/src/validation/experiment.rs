@@ -1,4 +1,4 @@
-//! The interfaces that an FMU is for, its identity, and its default experiment.
+//! Interfaces of an FMU, its identity, and its default experiment.
 
 use std::collections::HashSet;
 
@@ -10,10 +10,10 @@ use super::variables::Variable;
 use super::{Interface, Interfaces};
 use crate::model_description::{child, elements};
 
-/// Steps of an experiment that names no communication step.
+/// Number of steps of an experiment without a communication step.
 pub(super) const USUAL_STEPS: f64 = 100.0;
 
-/// The interfaces, where they are named so that libraries can be looked for.
+/// The interfaces that have names for finding libraries.
 pub(super) fn interfaces(root: Node, variables: &[Variable], lines: &Lines) -> Interfaces {
     let structure = child(root, "ModelStructure").and_then(|node| child(node, "Derivatives"));
     let derivatives: Vec<Node> = structure.into_iter().flat_map(|node| elements(node, "Unknown")).collect();

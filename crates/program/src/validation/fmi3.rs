@@ -1,4 +1,4 @@
-//! modelDescription.xml of FMI 3.0, checked as far as a run needs it.
+//! Checks modelDescription.xml of FMI 3.0 as far as a run needs it.
 
 use std::collections::{HashMap, HashSet};
 
@@ -8,14 +8,14 @@ use super::findings::{At, Findings, Lines};
 use crate::fmi2::calls::Standard;
 use crate::model_description::{ModelDescription, ModelStructure, Variable, xml};
 
-/// The version of the standard; where there is none, FMI 2.0, whose checks find that.
+/// The version of the standard; FMI 2.0 if missing, as its checks report that.
 pub(super) fn standard(text: &str) -> Standard {
     let document = xml::parse(text).ok();
     let version = document.as_ref().and_then(|document| document.root_element().attribute("fmiVersion"));
     if version.is_some_and(|version| version.trim().starts_with("3.")) { Standard::Fmi3 } else { Standard::Fmi2 }
 }
 
-/// Checks a modelDescription.xml; its interfaces, where they can be read.
+/// Checks a modelDescription.xml; returns its interfaces, if they can be read.
 pub(super) fn check_description(text: &str, findings: &mut Findings) -> Option<Interfaces> {
     let read = ModelDescription::read(text).and_then(|read| Ok((read, ModelStructure::read(text)?)));
     let (description, structure) = match read {

@@ -1,4 +1,4 @@
-//! The functions that a library exports, for every platform: they are read from the file, nothing is loaded.
+//! The exported functions of a library, for every platform. They are read from the file, nothing is loaded.
 
 use std::collections::HashSet;
 
@@ -63,7 +63,7 @@ const CO_SIMULATION: [&str; 9] = [
     "fmi2GetStringStatus",
 ];
 
-/// All functions of FMI 3.0: any FMU exports all of them, whatever interfaces it has (FMI 3.0.1).
+/// All functions of FMI 3.0. Every FMU exports all of them, whatever interfaces it has (FMI 3.0.1).
 const ALL_3: [&str; 75] = [
     "fmi3GetVersion",
     "fmi3SetDebugLogging",
@@ -142,7 +142,7 @@ const ALL_3: [&str; 75] = [
     "fmi3GetNumberOfContinuousStates",
 ];
 
-/// The flag that promises what a function does.
+/// The flag that promises the support of a function.
 fn flag_of(function: &str) -> Option<&'static str> {
     match function {
         "fmi3GetFMUState" | "fmi3SetFMUState" | "fmi3FreeFMUState" => Some("canGetAndSetFMUState"),
@@ -184,10 +184,10 @@ pub(super) fn check(archive: &Archive, interfaces: &Interfaces, findings: &mut F
     Ok(())
 }
 
-/// Processors that a universal library of macOS is for, at most: each of them may be the whole file anew.
+/// The most processors of a universal library of macOS: each may take the size of the whole file.
 const MOST_PROCESSORS: usize = 16;
 
-/// The names of the functions that a library exports, for every processor where it is for several.
+/// The names of the exported functions of a library, for every processor it supports.
 fn exported(bytes: &[u8]) -> Result<HashSet<String>, String> {
     let told = |error: object::Error| error.to_string();
     match FileKind::parse(bytes).map_err(told)? {
@@ -217,7 +217,7 @@ fn exported_by_one(bytes: &[u8]) -> Result<HashSet<String>, String> {
     let mut names = HashSet::new();
     for export in library.exports().map_err(|error| error.to_string())? {
         if let NameOrOrdinal::Name(name) = export.map_err(|error| error.to_string())?.name() {
-            // On some systems a C function has an underscore before its name.
+            // Some systems put an underscore before the name of a C function.
             let plain = name.strip_prefix(b"_").unwrap_or(name);
             names.insert(String::from_utf8_lossy(plain).into_owned());
         }

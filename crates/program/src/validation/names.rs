@@ -7,7 +7,7 @@ use super::variables::Variable;
 
 const SECTION: &str = "2.2.9";
 
-/// Checks the names by the convention that the description names.
+/// Checks the names by the convention of the description.
 pub(super) fn check(root: Node, variables: &[Variable], findings: &mut Findings) {
     let structured = root.attribute("variableNamingConvention") == Some("structured");
     for variable in variables {
@@ -39,7 +39,7 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// Parts with dots between, each with indices or without.
+/// True for parts with dots between, each with indices or without.
 fn is_identifier(text: &str) -> bool {
     let mut rest = text;
     loop {

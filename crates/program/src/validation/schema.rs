@@ -250,7 +250,7 @@ const ROOT: Element = Element {
     )
 };
 
-/// Checks a document; whether it is a description of FMI 2.0, so that further checks make sense.
+/// Checks a document. Returns true for a description of FMI 2.0, so that further checks make sense.
 pub(super) fn check(root: Node, lines: &Lines, findings: &mut Findings) -> bool {
     if root.tag_name().name() != ROOT.name {
         let what = format!("the root is `{}`, not `{}`", root.tag_name().name(), ROOT.name);
@@ -287,7 +287,7 @@ fn check_element(known: &Element, node: Node, lines: &Lines, findings: &mut Find
 }
 
 fn check_attributes(known: &Element, node: Node, lines: &Lines, findings: &mut Findings) {
-    // Those with a namespace, as `xsi:noNamespaceSchemaLocation`, are for who reads the file.
+    // Attributes with a namespace, as `xsi:noNamespaceSchemaLocation`, are for XML tools.
     for given in node.attributes().filter(|given| given.namespace().is_none()) {
         let (name, value) = (given.name(), given.value());
         let Some(attribute) = known.attributes.iter().find(|attribute| attribute.name == name) else {

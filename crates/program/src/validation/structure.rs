@@ -1,4 +1,4 @@
-//! ModelStructure: which variables are outputs, derivatives and unknown at the start, and what they depend on.
+//! ModelStructure: the outputs, derivatives and unknowns at the start, and their dependencies.
 
 use std::collections::{HashMap, HashSet};
 
@@ -11,7 +11,7 @@ use crate::model_description::{child, elements};
 
 const SECTION: &str = "2.2.8";
 
-/// A list of unknowns that was read.
+/// A list of unknowns from the file.
 struct List<'a, 'input, 'v> {
     name: &'static str,
     variables: &'v [Variable<'a, 'input>],
@@ -41,7 +41,7 @@ pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings:
 }
 
 impl List<'_, '_, '_> {
-    /// Checks the unknowns, each by itself; the places of their variables, from 0, where there are such variables.
+    /// Checks the unknowns one by one; returns the places of their variables, from 0, as far as they exist.
     fn check(&self, unknowns: &[Node], findings: &mut Findings) -> Vec<usize> {
         let mut lines = HashMap::new();
         let mut places = Vec::new();
@@ -105,7 +105,7 @@ impl List<'_, '_, '_> {
     }
 }
 
-/// The list of outputs is that of the variables that are outputs.
+/// Checks that the list of outputs has exactly the variables that are outputs.
 fn check_outputs(variables: &[Variable], outputs: &[usize], at: &At, findings: &mut Findings) {
     let listed: HashSet<usize> = outputs.iter().copied().collect();
     for (place, variable) in variables.iter().enumerate() {

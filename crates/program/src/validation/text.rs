@@ -25,7 +25,7 @@ pub(super) fn double(text: &str) -> Option<f64> {
         "-INF" => Some(f64::NEG_INFINITY),
         "NaN" => Some(f64::NAN),
         number => {
-            // Rust knows further words for them, in any case of letters.
+            // Rust accepts further words, in upper and lower case.
             let plain = number.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'+' | b'-' | b'.' | b'e' | b'E'));
             number.parse().ok().filter(|_| plain)
         }
@@ -70,7 +70,7 @@ pub(super) fn one_of(words: &[&str]) -> String {
     words.join(", ")
 }
 
-/// `2026-01-31T12:00:00`, with parts of a second and a time zone or without.
+/// True for `2026-01-31T12:00:00`, with or without parts of a second and a time zone.
 fn is_date_time(text: &str) -> bool {
     let Some((date, time)) = text.split_once('T') else { return false };
     let number = |part: &str, from: u32, to: u32| {

@@ -1,4 +1,4 @@
-//! Units and types: defined once, and defined where they are used.
+//! Checks that used units and types are defined, and each only once.
 
 use std::collections::{HashMap, HashSet};
 
@@ -17,7 +17,7 @@ pub(super) fn types<'a, 'input>(root: Node<'a, 'input>) -> Types<'a, 'input> {
     list.filter_map(|node| Some((node.attribute("name")?, node.children().find(Node::is_element)?))).collect()
 }
 
-/// Checks units and types, and that variables name such ones.
+/// Checks units and types, and that those of variables are defined.
 pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings: &mut Findings) {
     let units = check_units(root, lines, findings);
     check_types(root, variables, lines, findings);
@@ -45,7 +45,7 @@ pub(super) fn check(root: Node, variables: &[Variable], lines: &Lines, findings:
     }
 }
 
-/// The units with the units that they can be shown in.
+/// The units with their display units.
 type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
 
 fn check_units<'a>(root: Node<'a, '_>, lines: &Lines, findings: &mut Findings) -> Units<'a> {
@@ -102,7 +102,7 @@ fn check_types(root: Node, variables: &[Variable], lines: &Lines, findings: &mut
     }
 }
 
-/// Checks the units that a variable or type names; what it doesn't name it has of its type.
+/// Checks the units of a variable or type; missing ones are those of its type.
 fn check_unit(node: Node, declared: Option<Node>, units: &Units, at: &dyn Fn() -> At, findings: &mut Findings) {
     let own = node.attribute("unit");
     let inherited = declared.and_then(|declared| declared.attribute("unit"));

@@ -1,4 +1,4 @@
-//! Start values, limits and nominal values that fit each other.
+//! Checks that start values, limits and nominal values are consistent.
 
 use roxmltree::Node;
 

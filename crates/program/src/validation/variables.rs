@@ -1,4 +1,4 @@
-//! Variables, one by one: what they are, how they change, how they start.
+//! Variables one by one: types, variability and start values.
 
 use std::collections::{HashMap, HashSet};
 
@@ -17,7 +17,7 @@ pub(super) const SECTION: &str = "2.2.7";
 pub(super) struct Variable<'a, 'input> {
     pub name: &'a str,
     pub line: u32,
-    /// Real, Integer, Boolean, String or Enumeration; empty where it has no type.
+    /// Real, Integer, Boolean, String or Enumeration; empty if it has no type.
     pub kind: &'a str,
     pub reference: Option<u32>,
     pub causality: &'a str,
@@ -83,7 +83,7 @@ impl<'a, 'input> Variable<'a, 'input> {
         self.value.and_then(|value| value.attribute(name))
     }
 
-    /// Its unit: its own, or that of its type.
+    /// Its own unit, or that of its type.
     pub fn unit(&self, types: &Types<'a, '_>) -> Option<&'a str> {
         let declared = || types.get(self.attribute("declaredType")?)?.attribute("unit");
         self.attribute("unit").or_else(declared)
@@ -216,7 +216,7 @@ fn check_derivative(variable: &Variable, variables: &[Variable], findings: &mut 
             Some(state) if std::ptr::eq(state, variable) => {
                 findings.error(variable.at(), "it is its own derivative", SECTION, "give the index of the state");
             }
-            // A master that knows how an input changes hands it over by a second one.
+            // A master that knows the derivative of an input passes it by another one.
             Some(state) if (state.causality, variable.causality) == ("input", "input") => {}
             Some(state) if !matches!(state.causality, "local" | "output") => {
                 let article = if state.causality.starts_with('i') { "an" } else { "a" };

@@ -39,7 +39,7 @@ pub enum Content {
     Lines(Vec<String>),
     /// The fields of a single struct.
     Struct(Vec<Array>),
-    /// The reason for which it isn't read, with what to do.
+    /// The reason why it isn't read, with advice.
     Other(String),
 }
 
@@ -64,7 +64,7 @@ impl Array {
         fields.iter().find(|field| field.name == name)
     }
 
-    /// The text of an element, of a text for all or of a cell array with one for each.
+    /// The text of an element, from a text for all or a cell array with one for each.
     pub fn label(&self, k: usize) -> Option<String> {
         if let Content::Lines(lines) = &self.content { lines.get(k).cloned() } else { self.text() }
     }
@@ -79,7 +79,7 @@ impl Array {
 /// The variables of a file.
 ///
 /// # Errors
-/// The reason for which they can't be read.
+/// The reason why they can't be read.
 pub fn variables(bytes: &[u8], budget: &mut Budget) -> Result<Vec<Array>, String> {
     let version_7_3 = "has version 7.3, which is not supported: in MATLAB save it with save(…, '-v7')";
     if bytes.starts_with(HDF5) || bytes.starts_with(b"MATLAB 7.3") {
@@ -110,7 +110,7 @@ pub fn variables(bytes: &[u8], budget: &mut Budget) -> Result<Vec<Array>, String
             }
             _ => continue,
         };
-        // One without a name is what objects refer to.
+        // Objects refer to elements without a name.
         if !read.name.is_empty() {
             variables.push(read);
         }
@@ -136,7 +136,7 @@ impl<'a> Elements<'a> {
             return Ok(None);
         }
         let first = self.word(self.rest)?;
-        // Up to four bytes have their length next to the type.
+        // The length of up to four bytes is next to the type.
         if first >> 16 != 0 {
             let (own, rest) = self.rest.split_at_checked(8).ok_or(DAMAGED)?;
             self.rest = rest;
@@ -169,7 +169,7 @@ impl<'a> Elements<'a> {
         array(self.of_kind(&[MATRIX])?, is_big, depth + 1, budget)
     }
 
-    /// Numbers of an element, converted from how they are stored.
+    /// Numbers of an element, converted from their storage type.
     fn numbers(&mut self, budget: &mut Budget) -> Result<Vec<f64>, String> {
         let (kind, own) = self.next()?.ok_or(DAMAGED)?;
         macro_rules! of {
@@ -227,14 +227,14 @@ fn latin(bytes: &[u8]) -> String {
     str::from_utf8(bytes).map_or_else(|_| bytes.iter().map(|byte| char::from(*byte)).collect(), str::to_owned)
 }
 
-/// A variable, of the bytes of its element.
+/// A variable from the bytes of its element.
 fn array(bytes: &[u8], is_big: bool, depth: usize, budget: &mut Budget) -> Result<Array, String> {
     budget.take(OVERHEAD)?;
     if depth > DEEPEST {
         return Err("has structs or cells that are nested too deeply".to_owned());
     }
     let mut elements = Elements { rest: bytes, is_big };
-    // Empty parts of structs may be without all of it.
+    // Empty parts of structs may lack all of it.
     if bytes.is_empty() {
         return Ok(Array { name: String::new(), dims: vec![0, 0], content: Content::Numbers(Vec::new()) });
     }

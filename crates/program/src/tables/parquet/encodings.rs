@@ -1,4 +1,4 @@
-//! Values as the pages of a Parquet file have them.
+//! Encodings of values in the pages of a Parquet file.
 
 use super::thrift::{varint, zigzag};
 
@@ -22,10 +22,10 @@ pub enum Physical {
 }
 
 impl Physical {
-    /// The type of this number; none of a type that no number or text has.
+    /// The type of this number; none for a type without numbers or texts.
     pub fn numbered(number: i64) -> Option<Self> {
         use Physical::{Boolean, Bytes, Double, Float, Int32, Int64};
-        // 3 are times as Hive had them, 7 are arrays of bytes, all of one length.
+        // 3 are times of Hive, 7 are arrays of bytes of one length.
         [Some(Boolean), Some(Int32), Some(Int64), None, Some(Float), Some(Double), Some(Bytes)]
             .get(usize::try_from(number).ok()?)
             .copied()?
@@ -101,7 +101,7 @@ pub fn plain<'a>(physical: Physical, bytes: &'a [u8], count: usize) -> Option<Ve
     }
 }
 
-/// Bytes with their length in front, and those behind them.
+/// Bytes after their length, and the rest.
 pub fn sized(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk::<4>()?;
     rest.split_at_checked(u32::from_le_bytes(*length) as usize)
@@ -119,7 +119,7 @@ fn split<'a>(physical: Physical, bytes: &[u8], count: usize) -> Option<Vec<Cell<
     (0..count).map(one).collect()
 }
 
-/// A number of so many bits, at most 64, from a place that counts bits. Behind the end are zeros.
+/// A number of up to 64 bits from a bit position. Bits after the end are zero.
 fn bits(bytes: &[u8], at: usize, width: u32) -> u64 {
     let rest = bytes.get(at / 8..).unwrap_or(&[]);
     let mut own = [0; 16];
@@ -129,7 +129,7 @@ fn bits(bytes: &[u8], at: usize, width: u32) -> u64 {
     (u128::from_le_bytes(own) >> (at % 8) & mask) as u64
 }
 
-/// Numbers of so many bits, in runs of the same one and in groups of eight.
+/// Numbers of so many bits, in runs of one value and in groups of eight.
 pub fn hybrid(bytes: &[u8], width: u32, count: usize) -> Option<Vec<u64>> {
     if width > 32 {
         return None;
@@ -152,7 +152,7 @@ pub fn hybrid(bytes: &[u8], width: u32, count: usize) -> Option<Vec<u64>> {
             numbers.resize(numbers.len() + many.min(missing), bits(value, 0, width));
             rest = behind;
         } else {
-            // The last group may be cut off behind its last value.
+            // The last group may end after its last value.
             let taken = many.saturating_mul(8).min(missing);
             let needed = (taken * width as usize).div_ceil(8);
             let own = rest.get(..needed)?;

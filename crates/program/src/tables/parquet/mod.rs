@@ -1,8 +1,7 @@
-//! Apache Parquet, read: the columns of numbers of a flat table.
+//! Reads Apache Parquet: the columns of numbers of a flat table.
 //!
-//! Pages may be compressed by
-//! Snappy, gzip or Zstandard, the defaults of pandas, DuckDB, MATLAB and polars; values may be plain, in dictionaries, as
-//! differences or split into bytes. Columns of texts, and those within others, are left out.
+//! Pages may be compressed by Snappy, gzip or Zstandard, the defaults of pandas, DuckDB, MATLAB and polars. Values may
+//! be plain, in dictionaries, as differences or split into bytes. Columns of texts, and nested ones, are left out.
 
 mod encodings;
 mod thrift;
@@ -22,11 +21,11 @@ use super::Budget;
 
 /// The bytes at both ends of a file.
 pub const MAGIC: &[u8] = b"PAR1";
-/// The same of a file whose footer is encrypted.
+/// The same for a file with an encrypted footer.
 const ENCRYPTED: &[u8] = b"PARE";
 /// Largest expansion of a byte by Snappy: a copy of 64 bytes takes three.
 const MOST_OF_SNAPPY: usize = 32;
-/// Name of an index of pandas that has none.
+/// Name of an unnamed index of pandas.
 const INDEX: &str = "__index_level_0__";
 
 const DAMAGED: &str = "is damaged or truncated";
@@ -34,7 +33,7 @@ const DAMAGED: &str = "is damaged or truncated";
 /// Reads a table. Columns with these names are read as text.
 ///
 /// # Errors
-/// The reason for which it can't be read.
+/// The reason why it can't be read.
 pub fn read(bytes: &[u8], texts: &[&str], budget: &mut Budget) -> Result<Table, String> {
     let footer = footer(bytes)?;
     let (file, _) = Value::read(&bytes[footer]).ok_or(DAMAGED)?;
@@ -52,7 +51,7 @@ pub fn read(bytes: &[u8], texts: &[&str], budget: &mut Budget) -> Result<Table, 
             }
         }
     }
-    // pandas writes the index of a table behind its columns.
+    // pandas writes the index of a table after its columns.
     let index = columns.iter().position(|column: &Column| about.index.as_ref() == Some(&column.name));
     let has_time = columns.iter().any(|column| column.name == "time");
     if let Some(place) = index.filter(|_| !has_time) {
@@ -88,12 +87,12 @@ fn not_parquet() -> String {
     "is not a Parquet file, or is truncated: it must begin and end with PAR1".to_owned()
 }
 
-/// Facts about columns, from texts in the file.
+/// Facts about columns from texts in the file.
 #[derive(Debug, Default)]
 struct About {
     /// Units of measurement by names.
     units: BTreeMap<String, String>,
-    /// Columns that pandas had as time spans, with the counts of a second.
+    /// Columns with time spans of pandas, and their counts per second.
     spans: BTreeMap<String, f64>,
     /// Column that pandas had as index.
     index: Option<String>,
@@ -160,9 +159,9 @@ struct Leaf<'a> {
 enum Kind {
     Signed,
     Unsigned,
-    /// Integers, so many of which are 1.
+    /// Integers, with their number in one unit.
     Decimal(f64),
-    /// Integers, so many of which are a second.
+    /// Integers, with their number in a second.
     Time {
         of_second: f64,
         is_date: bool,
@@ -354,7 +353,7 @@ impl Leaf<'_> {
         if !self.is_optional {
             return Ok((None, whole));
         }
-        // Levels of one bit each, packed by hand: an encoding that nobody writes any more.
+        // Levels of one bit each, packed by hand, in an encoding that is no longer written.
         if about.number(3) != Some(3) {
             return Err("has missing values in an encoding that is not supported; save the file anew".to_owned());
         }
@@ -374,7 +373,7 @@ impl Leaf<'_> {
         read.numbers.push(match (cell, self.kind) {
             (Some(Cell::Real(number)), _) => *number,
             (Some(Cell::Integer(number)), Kind::Time { of_second, is_date }) => {
-                // Pandas has its smallest number for a time that is missing.
+                // pandas writes its smallest number for a missing time.
                 let base = if is_date { *read.base.get_or_insert(*number) } else { 0 };
                 number
                     .checked_sub(base)
@@ -392,7 +391,7 @@ impl Leaf<'_> {
     }
 }
 
-/// Bytes of the file, or unpacked ones.
+/// Bytes of the file, or decompressed ones.
 type Bytes<'a> = Cow<'a, [u8]>;
 
 /// A part of a column.
@@ -405,7 +404,7 @@ struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    /// The page at the beginning of some bytes, which then begin behind it.
+    /// Takes the page at the beginning of some bytes, which then begin after it.
     fn next(bytes: &mut &'a [u8]) -> Option<Self> {
         let whole = *bytes;
         let (head, length) = Value::read(whole)?;
@@ -421,14 +420,14 @@ impl<'a> Page<'a> {
     }
 }
 
-/// The bytes of a page, of this size.
+/// The bytes of a page, with this size.
 fn unpacked<'a>(codec: i64, own: &'a [u8], full: usize, budget: &mut Budget) -> Result<Cow<'a, [u8]>, String> {
     let other = |name: &str| {
         Err(format!("is compressed by {name}, which is not supported: save it with Snappy, gzip, Zstandard or none"))
     };
     let unpacked = match codec {
         0 if own.len() == full => return Ok(Cow::Borrowed(own)),
-        // Nothing is compressed to nothing by some.
+        // Some compressors write nothing for no bytes.
         _ if own.is_empty() && full == 0 => Vec::new(),
         0 => return Err(DAMAGED.to_owned()),
         1 => {

@@ -1,9 +1,9 @@
-//! Thrift's compact protocol, in which Parquet has its metadata: structs as trees.
+//! Thrift's compact protocol for the metadata of Parquet: structs as trees.
 
 /// Deepest nesting of structs and lists.
 const DEEPEST: usize = 16;
 
-/// A value. What no reader of tables asks for is `Other`.
+/// A value. `Other` is one that no reader of tables needs.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value<'a> {
     Number(i64),
@@ -14,7 +14,7 @@ pub enum Value<'a> {
 }
 
 impl<'a> Value<'a> {
-    /// The struct at the beginning of some bytes, and its length; none where they are something else.
+    /// The struct at the beginning of some bytes, and its length; none if they are invalid.
     pub fn read(bytes: &'a [u8]) -> Option<(Self, usize)> {
         let mut compact = Compact { bytes, at: 0 };
         let value = compact.structure(0)?;
@@ -27,23 +27,23 @@ impl<'a> Value<'a> {
         fields.iter().find(|(own, _)| *own == number).map(|(_, value)| value)
     }
 
-    /// A number that is a field of a struct.
+    /// A number as a field of a struct.
     pub fn number(&self, number: i64) -> Option<i64> {
         if let Some(Value::Number(value)) = self.field(number) { Some(*value) } else { None }
     }
 
-    /// A size or an offset that is a field of a struct: it isn't negative.
+    /// A size or an offset, which isn't negative, as a field of a struct.
     pub fn size(&self, number: i64) -> Option<usize> {
         self.number(number)?.try_into().ok()
     }
 
-    /// A text that is a field of a struct.
+    /// A text as a field of a struct.
     pub fn text(&self, number: i64) -> Option<&'a str> {
         let Some(Value::Bytes(bytes)) = self.field(number) else { return None };
         str::from_utf8(bytes).ok()
     }
 
-    /// The items of a list that is a field of a struct.
+    /// The items of a list as a field of a struct.
     pub fn list(&self, number: i64) -> &[Value<'a>] {
         if let Some(Value::List(items)) = self.field(number) { items } else { &[] }
     }
@@ -84,7 +84,7 @@ impl<'a> Compact<'a> {
             }
             let distance = i64::from(head >> 4);
             number = if distance == 0 { self.signed()? } else { number.checked_add(distance)? };
-            // A truth value is in the head.
+            // A truth value is in the header.
             let value = match head & 0xf {
                 1 => Value::Number(1),
                 2 => Value::Number(0),
@@ -109,7 +109,7 @@ impl<'a> Compact<'a> {
             9 | 10 => {
                 let head = self.byte()?;
                 let count = if head >> 4 == 15 { self.varint()? } else { u64::from(head >> 4) };
-                // A count that is too large ends where the bytes do.
+                // A count that is too large ends with the bytes.
                 Value::List((0..count).map(|_| self.value(head & 0xf, depth + 1)).collect::<Option<_>>()?)
             }
             11 => {
@@ -140,7 +140,7 @@ pub fn varint(bytes: &[u8]) -> Option<(u64, usize)> {
     None
 }
 
-/// A number whose sign is its last bit.
+/// A number with its sign in the last bit.
 pub fn zigzag(value: u64) -> i64 {
     (value >> 1) as i64 ^ -((value & 1) as i64)
 }
