@@ -1,4 +1,4 @@
-//! Workers outside of this process that carry out jobs of a command, such as the runs of a search.
+//! Workers outside of this process that do jobs of a command, such as the runs of a search.
 
 use std::sync::{Arc, PoisonError, RwLock};
 
@@ -6,12 +6,12 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// Workers: they carry out jobs in any order, in other processes or on other machines.
+/// Workers: they do jobs in any order, in other processes or on other machines.
 pub trait Workers: Send + Sync {
     /// Hands out a job, and returns its number.
     fn submit(&self, job: Value) -> u64;
 
-    /// Waits for a result, with the number of its job; `None` if the command is to stop.
+    /// Waits for a result, with the number of its job; `None` if the command should stop.
     fn result(&self) -> Option<(u64, Value)>;
 }
 
@@ -22,12 +22,12 @@ pub fn employ(workers: Option<Arc<dyn Workers>>) {
     *EMPLOYED.write().unwrap_or_else(PoisonError::into_inner) = workers;
 }
 
-/// The workers of this command; `None` where it carries out its jobs itself.
+/// The workers of this command; `None` if it does its jobs itself.
 pub fn employed() -> Option<Arc<dyn Workers>> {
     EMPLOYED.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// Results of jobs, in their order; `None` for those that were not carried out. `done` is called with each as it comes.
+/// Results of jobs, in their order; `None` for jobs not done. `done` gets each result as it comes.
 pub fn results<R: DeserializeOwned>(
     workers: &dyn Workers,
     jobs: impl IntoIterator<Item = impl Serialize>,

@@ -1,21 +1,21 @@
-//! Bounds of Clopper and Pearson: which rates of failure are compatible with the failures that were counted.
+//! Clopper-Pearson bounds: rates of failure that are compatible with the counted failures.
 
 use statrs::function::beta::beta_reg;
 
-/// Halvings of the interval that holds a bound, at most.
+/// The most halvings of the interval around a bound.
 const HALVINGS: usize = 200;
 
-/// The upper bound of a rate: the true one is above it with at most the probability `error`.
+/// The upper bound of a rate: the true rate exceeds it with at most the probability `error`.
 pub fn upper(failures: u64, runs: u64, error: f64) -> f64 {
     if failures >= runs {
         return 1.0;
     }
     let (a, b) = (failures as f64 + 1.0, (runs - failures) as f64);
-    // The probability of at most so many failures falls as the rate grows.
+    // The probability of at most so many failures decreases with the rate.
     rate(|p| beta_reg(b, a, 1.0 - p) > error)
 }
 
-/// The lower bound of a rate: the true one is below it with at most the probability `error`.
+/// The lower bound of a rate: the true rate is below it with at most the probability `error`.
 pub fn lower(failures: u64, runs: u64, error: f64) -> f64 {
     if failures == 0 {
         return 0.0;
@@ -24,7 +24,7 @@ pub fn lower(failures: u64, runs: u64, error: f64) -> f64 {
     rate(|p| beta_reg(a, b, p) < error)
 }
 
-/// The rate up to which something is true.
+/// The largest rate for which a condition is true.
 fn rate(is_below: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..HALVINGS {
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn nothing_and_everything_have_bounds_in_closed_form() {
-        // 1 - error^(1/n), of which the other is the mirror image.
+        // 1 - error^(1/n); the other bound is its mirror image.
         let exact = -(0.0125_f64.ln() / 5e5).exp_m1();
         assert!((upper(0, 500_000, 0.0125) / exact - 1.0).abs() < 1e-9);
         assert!((lower(40, 40, 0.025) - 0.025_f64.powf(1.0 / 40.0)).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Quantities that are varied in a loop, and the distributions of their values.
+//! Varied quantities of a loop, and the distributions of their values.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,10 +9,10 @@ use statrs::distribution::{ContinuousCDF, Normal};
 use crate::report::number;
 
 const FORM: &str = "must be NAME=±30%, NAME=LOW..HIGH, NAME=LOW..HIGH/log or NAME=normal(MEAN,DEVIATION), all but ±30% in absolute values";
-/// A variable allows at least this part of a normal distribution.
+/// Least part of a normal distribution that the limits of a variable must allow.
 const LEAST_PART: f64 = 1e-6;
 
-/// A distribution as a user writes it.
+/// A distribution as written by a user.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Distribution {
     /// Uniform within a part of the present value, up and down.
@@ -102,7 +102,7 @@ impl Serialize for Distribution {
     }
 }
 
-/// A distribution of a variable, cut at what is allowed.
+/// A distribution of a variable, truncated to the allowed values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cut {
     distribution: Distribution,
@@ -113,10 +113,10 @@ pub struct Cut {
 }
 
 impl Distribution {
-    /// The distribution of a variable with a present value, cut at the least and the largest value that are allowed.
+    /// The distribution of a variable with a present value, truncated to its least and largest allowed value.
     ///
     /// # Errors
-    /// When nothing of it is allowed, or it is a part of no value or of 0.
+    /// When no value of it is allowed, or it is relative to no value or 0.
     pub fn cut(self, present: Option<f64>, (least, most): (f64, f64)) -> Result<Cut, String> {
         let (low, high) = match self {
             Self::Around(part) => {
@@ -145,7 +145,7 @@ impl Distribution {
 }
 
 impl Cut {
-    /// The value below which a part of all values lies.
+    /// The quantile of a part of all values.
     pub fn quantile(&self, part: f64) -> f64 {
         let Cut { distribution, low, high, parts } = *self;
         let value = match (distribution, distribution.normal()) {
@@ -156,7 +156,7 @@ impl Cut {
         value.clamp(low, high)
     }
 
-    /// True if its logarithm is what is uniform.
+    /// True if its logarithm is uniformly distributed.
     pub fn is_logarithmic(&self) -> bool {
         matches!(self.distribution, Distribution::Logarithmic(..))
     }
@@ -211,7 +211,7 @@ mod tests {
         assert!((log.quantile(0.5) - 1.0).abs() < 1e-12 && log.is_logarithmic());
         let normal = vary("x=normal(1,2)").distribution.cut(None, FREE).unwrap();
         assert!((normal.quantile(0.975) - (1.0 + 2.0 * 1.959_963_984_540_054)).abs() < 1e-9);
-        // Half of it is cut off: the median of the rest is at the third quartile.
+        // It is truncated to its upper half, whose median is the third quartile.
         let half = vary("x=normal(0,1)").distribution.cut(None, (0.0, f64::INFINITY)).unwrap();
         assert!((half.quantile(0.5) - 0.674_489_750_196_082).abs() < 1e-9 && half.quantile(0.0) >= 0.0);
     }

@@ -1,4 +1,4 @@
-//! Verification of a loop by random samples: which part of all runs fails a requirement, with a confidence.
+//! Verification of a loop by random samples: the part of all runs that fails a requirement, with a confidence.
 
 mod binomial;
 mod distribution;

@@ -1,4 +1,4 @@
-//! Outcomes of samples, and what they add up to.
+//! Outcomes of samples, and their counts.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use super::requirement::Limit;
 /// The outcome of a sample.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Outcome {
-    /// A component refused its values, with the reason: it isn't a run.
+    /// A component refused the values, with the reason, so it isn't a run.
     Refused(String),
     /// The run didn't reach its end, with the reason.
     NotEnded(String),
@@ -24,7 +24,7 @@ pub enum Judged {
     Passed,
     /// A requirement is violated.
     Failed,
-    /// A metric that a requirement is about has no value.
+    /// A metric of a requirement has no value.
     WithoutValue,
     /// The run didn't reach its end.
     NotEnded,
@@ -77,7 +77,8 @@ impl Limits {
         }
     }
 
-    /// The largest distance from a limit in parts of it, positive where one is violated; infinite for a run that has none.
+    /// The largest excess over a limit, in parts of it; positive if one is violated, infinite for a run without
+    /// metrics.
     pub fn excess(&self, outcome: &Outcome) -> f64 {
         let Outcome::Ended(metrics) = outcome else { return f64::INFINITY };
         let excess =
@@ -129,7 +130,7 @@ impl Tally {
         self.failures as f64 / self.runs.max(1) as f64
     }
 
-    /// True if more samples were refused than a study of so many may have.
+    /// True if more samples were refused than a study of this size may have.
     pub fn is_refused_too_often(&self, of: u64) -> bool {
         100 * self.refused > of
     }

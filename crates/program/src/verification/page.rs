@@ -1,4 +1,5 @@
-//! The page of a study: the verdict, histograms of metrics, failures over parameters, what drives them, the worst curves.
+//! The page of a study: the verdict, histograms of metrics, failures over parameters, main influences, the worst
+//! curves.
 
 use std::fmt::Write;
 
@@ -21,9 +22,9 @@ const BINS: usize = 40;
 const STEPS: usize = 12;
 /// Bins of each of two quantities.
 const SIDE: usize = 8;
-/// The quantities that drive failures most, whose pairs are shown.
+/// The most influential quantities, whose pairs are shown.
 const MOST_PAIRED: usize = 4;
-/// A bin of a chart or a map has so many runs on average, at least.
+/// Least average number of runs in a bin of a chart or a map.
 const LEAST_RUNS: usize = 20;
 /// Curves of the worst samples.
 pub(super) const CURVES: usize = 10;
@@ -32,7 +33,7 @@ const GROUPS: usize = 300;
 const MOST_SIGNALS: usize = 12;
 /// Rows of the table of the worst.
 const ROWS: usize = 20;
-/// Errors of the bounds of a rate in a chart: 95 % confidence.
+/// Error of the bounds of a rate in a chart: 95 % confidence.
 const ERROR: f64 = 0.025;
 
 impl Summary<'_> {
@@ -87,7 +88,7 @@ impl Summary<'_> {
         }
     }
 
-    /// The failing part of the runs over pairs of the quantities that drive failures most.
+    /// The failing part of the runs over pairs of the most influential quantities.
     fn push_pairs(&self, page: &mut String, runs: &Runs, indices: &[Index]) {
         let side = SIDE.min(((runs.failed.len() / LEAST_RUNS) as f64).sqrt() as usize);
         if side < 2 || !runs.failed.contains(&true) || indices.len() < 2 {
@@ -104,7 +105,7 @@ impl Summary<'_> {
         }
     }
 
-    /// Histograms of the metrics that requirements are about, then of the others.
+    /// Histograms of the metrics of requirements, then of the others.
     fn push_metrics(&self, page: &mut String, runs: &Runs) {
         page.push_str("<h2>Metrics</h2>\n<p>Dashed: limits.</p>\n");
         let limits = self.study.limits();
@@ -133,7 +134,7 @@ impl Summary<'_> {
         page.push_str("<p>Blue: all runs. Orange: failing runs.</p>\n");
     }
 
-    /// Signals of the worst samples, and of the loop as it is.
+    /// Signals of the worst samples, and of the nominal loop.
     fn push_curves(&self, page: &mut String) {
         let worst: Vec<u64> = self.worst().into_iter().take(CURVES).collect();
         let curves: Vec<_> = worst.iter().filter_map(|&k| Some((k, self.study.recorded(Some(k)).ok()?))).collect();
@@ -193,7 +194,7 @@ impl Summary<'_> {
     }
 }
 
-/// Parameters that drive the failures, as a table.
+/// Influences of parameters on failures, as a table.
 fn push_indices(page: &mut String, indices: &[Index]) {
     page.push_str(
         "<h2>Parameters that drive failures</h2>\n<p>First-order index: the part of the variance that a parameter \

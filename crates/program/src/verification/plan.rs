@@ -1,21 +1,21 @@
-//! The number of runs of a study, when it looks at them, and its verdict.
+//! The number of runs of a study, its interim looks, and its verdict.
 
 use serde::{Deserialize, Serialize};
 
 use super::binomial::{lower, upper};
 
-/// Runs of a study that has no rate to decide about.
+/// Number of runs of a study without an allowed rate of failure.
 const USUAL_RUNS: u64 = 10_000;
 /// The most runs of a study.
 const MOST_RUNS: u64 = 100_000_000;
-/// Runs at which a study looks, in parts of 1/p.
+/// Numbers of runs at which a study looks, in parts of 1/p.
 const LOOKS: [f64; 4] = [5.0, 10.0, 30.0, 100.0];
 
 /// The verdict on a rate of failure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// The rate is below the one that is allowed.
+    /// The rate is below the allowed one.
     Passed,
     /// The rate is above it.
     Failed,
@@ -23,20 +23,20 @@ pub enum Verdict {
     Undecided,
 }
 
-/// The plan of a study: it is fixed before the first run, so that the confidence is a true one.
+/// The plan of a study. It is fixed before the first run, which makes the confidence valid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     at_most: Option<f64>,
     confidence: f64,
-    /// Numbers of runs at which it looks, ascending; the last is that of all.
+    /// Numbers of runs at which it looks, ascending; the last one is the total.
     looks: Vec<u64>,
 }
 
 impl Plan {
-    /// A plan with a rate of failure that is allowed, or none, a confidence, and the most runs, where a user gives them.
+    /// A plan with an allowed rate of failure, or none, a confidence, and the most runs, if given by the user.
     ///
     /// # Errors
-    /// For a rate or a confidence that isn't between 0 and 1, and for too many runs or none.
+    /// When a rate or a confidence isn't between 0 and 1, or runs are too many or none.
     pub fn new(at_most: Option<f64>, confidence: f64, runs: Option<u64>) -> Result<Self, String> {
         let is_part = |value: f64| value > 0.0 && value < 1.0;
         if let Some(rate) = at_most.filter(|rate| !is_part(*rate)) {
@@ -61,7 +61,7 @@ impl Plan {
         Ok(Plan { at_most, confidence, looks: before.chain([most]).collect() })
     }
 
-    /// The rate of failure that is allowed; none where the study only estimates it.
+    /// The allowed rate of failure; none if the study only estimates it.
     pub fn at_most(&self) -> Option<f64> {
         self.at_most
     }
@@ -76,12 +76,12 @@ impl Plan {
         self.looks.last().copied().unwrap_or(1)
     }
 
-    /// The number of runs at which it looks next.
+    /// The number of runs at the next look.
     pub fn next_look(&self, runs: u64) -> Option<u64> {
         self.looks.iter().copied().find(|look| *look > runs)
     }
 
-    /// The verdict at a look; none where the study goes on. Each look may err by its share of what the confidence leaves.
+    /// The verdict at a look; none if the study goes on. The looks share the allowed probability of error.
     pub fn verdict(&self, failures: u64, runs: u64) -> Option<Verdict> {
         let rate = self.at_most.filter(|_| self.looks.contains(&runs))?;
         let error = self.error();
@@ -94,19 +94,19 @@ impl Plan {
         }
     }
 
-    /// The bounds that a verdict goes by: the true rate is below the first, or above the second, with no more than the
-    /// probability that the confidence leaves.
+    /// The bounds for a verdict: the true rate is below the first, or above the second, with at most the allowed
+    /// probability of error.
     pub fn bounds(&self, failures: u64, runs: u64) -> [f64; 2] {
         [lower(failures, runs, self.error()), upper(failures, runs, self.error())]
     }
 
-    /// The interval that holds the true rate with the confidence, wherever the study ended.
+    /// The interval that contains the true rate with the confidence, at any end of the study.
     pub fn interval(&self, failures: u64, runs: u64) -> [f64; 2] {
         let error = 0.5 * self.error();
         [lower(failures, runs, error), upper(failures, runs, error)]
     }
 
-    /// The part of all errors that one bound at one look may have.
+    /// The probability of error of one bound at one look.
     fn error(&self) -> f64 {
         (1.0 - self.confidence) / if self.at_most.is_some() { LOOKS.len() as f64 } else { 1.0 }
     }

@@ -1,4 +1,4 @@
-//! Plants that are drawn from what is known of them: the covariance that records leave, or the uncertainty of a description.
+//! Random plants from known uncertainty: the covariance of records, or the bounds of a description.
 #![allow(non_snake_case)] // matrices have the names of the field
 
 use std::path::Path;
@@ -38,14 +38,14 @@ impl std::str::FromStr for VaryFrom {
     }
 }
 
-/// Matrices of a plant that are drawn, and their places in a loop.
+/// Random matrices of a plant, and their places in a loop.
 #[derive(Debug)]
 pub(super) struct DrawnPlant {
     text: String,
     A: DMatrix<f64>,
     B: DMatrix<f64>,
     bounds: Bounds,
-    /// Entries that are uncertain: number, name and place.
+    /// Uncertain entries: number, name and place.
     names: Vec<String>,
     entries: Vec<(usize, Place)>,
     /// The others.
@@ -56,7 +56,7 @@ impl DrawnPlant {
     /// The plant of a component, from a file of an identified model or a description with `[nominal]`.
     ///
     /// # Errors
-    /// When the file can't be read or leaves nothing uncertain, or the component lacks entries of the matrices.
+    /// When the file can't be read or has no uncertainty, or the component lacks entries of the matrices.
     pub fn new(of: &VaryFrom, loaded: &LoadedLoop) -> Result<Self, Error> {
         let VaryFrom { component, file } = of;
         let refuse = |reason: String| Error::Description { file: file.clone(), reason };
@@ -99,7 +99,7 @@ impl DrawnPlant {
         Ok(DrawnPlant { text, A, B, bounds, names, entries, constants })
     }
 
-    /// Names of the entries that are drawn.
+    /// Names of the random entries.
     pub fn names(&self) -> impl Iterator<Item = &String> {
         self.names.iter()
     }
@@ -140,7 +140,7 @@ impl DrawnPlant {
     }
 }
 
-/// Matrices of a plant, and what bounds them.
+/// Matrices of a plant, and their bounds.
 fn read(file: &Path) -> Result<(DMatrix<f64>, DMatrix<f64>, Bounds), Error> {
     let refuse = |reason: &str| Error::Description { file: file.to_owned(), reason: reason.to_owned() };
     if file.extension().is_some_and(|extension| extension == "json") {
@@ -150,7 +150,7 @@ fn read(file: &Path) -> Result<(DMatrix<f64>, DMatrix<f64>, Bounds), Error> {
                 "there is no covariance. Give a model.json of `adaptive-fmu identify`, or a description with [nominal]",
             )
         })?;
-        // What the records leave, and no more.
+        // The uncertainty of the records only, without a margin.
         let model = Identified { margin: Some(1.0), ..records.model };
         let bounds = Assumed::new(&A, &B, &Uncertainty::Model(model)).bounds;
         return Ok((A, B, bounds));

@@ -15,12 +15,12 @@ pub(super) struct Random {
 }
 
 impl Random {
-    /// A number of the quantity of that name, uniform above 0 and below 1.
+    /// A number of the quantity with this name, uniform above 0 and below 1.
     pub fn uniform(self, name: &str) -> f64 {
         ((self.bits(name) >> (u64::BITS - BITS)) as f64 + 0.5) / 2_f64.powi(BITS as i32)
     }
 
-    /// A seed for the noise of that name, at least 1.
+    /// A seed for the noise with this name, at least 1.
     pub fn seed(self, name: &str) -> i32 {
         (self.bits(name) % (i32::MAX as u64)) as i32 + 1
     }
@@ -44,7 +44,7 @@ mod tests {
 
     #[test]
     fn the_numbers_of_a_seed_stay_what_they_are() {
-        // SHA-256 of seed, sample and name: other numbers would be other samples of everybody's studies.
+        // SHA-256 of seed, sample and name. Other numbers would change the samples of every user's study.
         let found = [(1, 0), (1, 1), (2, 0)].map(|(seed, sample)| Random { seed, sample }.uniform("plant.m1"));
         assert_eq!(found, EXPECTED);
     }
@@ -61,7 +61,7 @@ mod tests {
         let expected = count as f64 / 10.0;
         let chi_squared: f64 = parts.iter().map(|found| (f64::from(*found) - expected).powi(2) / expected).sum();
         assert!(chi_squared < 27.9, "{chi_squared}");
-        // Neighbours in k and in names aren't correlated.
+        // Neighbours in k and in names are uncorrelated.
         let pairs = [("a", 1, "a"), ("a", 0, "b")];
         for (one, ahead, other) in pairs {
             let product = |k| (of(1, k, one) - 0.5) * (of(1, k + ahead, other) - 0.5);

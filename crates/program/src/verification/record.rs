@@ -1,4 +1,4 @@
-//! The outcomes of a study in a file, so that it goes on where it was stopped.
+//! The outcomes of a study in a file, from which an interrupted study goes on.
 
 use std::fs::File;
 use std::io::Read;
@@ -16,7 +16,7 @@ const BEGINNING: &[u8] = b"adaptive-fmu verify 1\n";
 /// Length of a checksum in hexadecimal digits.
 const CHECKSUM: usize = 64;
 
-/// Outcomes of a study as they are written: each is added once.
+/// Written outcomes of a study: each is added once.
 #[derive(Debug)]
 pub struct Record {
     bytes: Vec<u8>,
@@ -24,7 +24,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// A record of a study that answers this question.
+    /// A record of a study for this question.
     pub fn new(question: &Value) -> Self {
         let mut bytes = BEGINNING.to_vec();
         bytes.extend(question.to_string().into_bytes());
@@ -32,7 +32,7 @@ impl Record {
         Record { bytes, outcomes: 0 }
     }
 
-    /// Adds those of the outcomes that it doesn't have.
+    /// Adds the outcomes that it lacks.
     ///
     /// # Errors
     /// When one can't be written.
@@ -52,7 +52,7 @@ impl Record {
         output::write(file, [&self.bytes, checksum(&self.bytes).as_bytes()].concat())
     }
 
-    /// The outcomes of an earlier study that answers this question.
+    /// The outcomes of an earlier study for this question.
     ///
     /// # Errors
     /// When the file can't be read, belongs to another study, or was changed.

@@ -1,4 +1,4 @@
-//! Requirements of a run, as a user writes them, and as limits of its metrics.
+//! Requirements of a run, as written by a user, and as limits of its metrics.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,9 +12,9 @@ use crate::structure::{Metric, Statistic, Structure};
 const FORM: &str = "must be LABEL <= VALUE, LABEL >= VALUE or funnel";
 /// The requirement of every funnel.
 const FUNNEL: &str = "funnel";
-/// Outputs of a component that watches or prescribes a funnel: they count how often its error left it.
+/// Outputs of a component that monitors or prescribes a funnel: they count how often its error left it.
 const EXITS: [&str; 2] = ["funnel_exits", "funnel_reopened"];
-/// Short forms of metrics of steps: the word, what the label has before and after the signal, and the label's unit.
+/// Short forms of metrics of steps: the word, the label's parts before and after the signal, and the label's unit.
 const SHORT: [(&str, &str, &str, f64); 3] = [
     ("overshoot", "overshoot of ", ", %", 100.0),
     ("settling", "settling time of ", ", s", 1.0),
@@ -96,15 +96,15 @@ impl Limit {
         }
     }
 
-    /// The distance of a metric from the limit in parts of it, positive where it is violated; in the metric's unit where
-    /// the limit is 0.
+    /// The excess of a metric over the limit in parts of it, positive if it is violated; in the metric's unit if the
+    /// limit is 0.
     pub fn excess(&self, metric: f64) -> f64 {
         let beyond = if self.side == Side::AtMost { metric - self.value } else { self.value - metric };
         if self.value == 0.0 { beyond } else { beyond / self.value.abs() }
     }
 }
 
-/// Adds metrics to a loop that requirements are about and that it doesn't have: how often funnels are left.
+/// Adds missing metrics of requirements to a loop: the number of exits from funnels.
 ///
 /// # Errors
 /// When no component has a funnel.
@@ -134,7 +134,7 @@ pub fn add_metrics(requirements: &[Requirement], structure: &mut Structure, load
 /// Outputs that count how often errors left their funnels.
 fn funnels(structure: &Structure, loaded: &LoadedLoop) -> Vec<String> {
     let names = structure.components.iter().flat_map(|unit| EXITS.map(|count| format!("{}.{count}", unit.name)));
-    // Within a single FMU they are local.
+    // In a single FMU they are local.
     let is_shown = |causality: &str| matches!(causality, "output" | "local");
     names.filter(|name| loaded.variable(name).is_some_and(|(_, variable)| is_shown(&variable.causality))).collect()
 }
@@ -144,10 +144,10 @@ fn exits(output: &str) -> String {
     format!("max {output}")
 }
 
-/// The limits that requirements are in a loop with metrics of these labels; the loop's own limits without any.
+/// The limits of requirements, in a loop with metrics of these labels [default: the loop's own limits].
 ///
 /// # Errors
-/// For a label that isn't there, a limit that is given twice, and no limit at all.
+/// When a label doesn't exist, a limit is given twice, or there is no limit at all.
 pub fn limits(
     requirements: &[Requirement],
     structure: &Structure,
@@ -184,7 +184,7 @@ pub fn limits(
     Ok(limits)
 }
 
-/// The label that is meant, and the factor from what a user writes to its unit.
+/// The full label, and the factor from the user's value to its unit.
 fn labelled(text: &str, labels: &[String]) -> Result<(String, f64), String> {
     if labels.iter().any(|label| label == text) {
         return Ok((text.to_owned(), 1.0));

@@ -1,10 +1,10 @@
-//! Influences on failures: rates over a quantity or two, and first-order indices, from the samples themselves.
+//! Influences on failures: rates over one or two quantities, and first-order indices, from the samples themselves.
 
-/// Groups of samples for an index: the square root of their number, within these.
+/// Limits of the number of groups for an index, which is the square root of the number of samples.
 const FEWEST_GROUPS: usize = 4;
 const MOST_GROUPS: usize = 32;
 
-/// Runs whose values are in a range, and those of them that failed.
+/// Runs with values in a range, and the failed ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bin {
     /// The least value.
@@ -24,7 +24,7 @@ pub(super) fn order(values: &[f64]) -> Vec<usize> {
     order
 }
 
-/// The group of each value, of so many groups with equal numbers of values.
+/// The group of each value; groups have equal numbers of values.
 pub(super) fn groups(values: &[f64], count: usize) -> Vec<usize> {
     let mut groups = vec![0; values.len()];
     for (rank, place) in order(values).into_iter().enumerate() {
@@ -65,9 +65,9 @@ pub(super) fn histogram(values: &[f64], failed: &[bool], count: usize) -> Vec<Bi
     bins
 }
 
-/// The first-order index of a quantity: the part of a result's variance that it explains by itself, 0 to 1. It is estimated
-/// from the means of groups of neighbouring values, without what their scatter adds (Kelley's ε²); none of a result that
-/// doesn't vary, and of too few samples.
+/// The first-order index of a quantity: the part of a result's variance that it explains by itself, 0 to 1. It is
+/// estimated from the means of groups of neighbouring values, corrected for their scatter (Kelley's ε²). None for a
+/// result that doesn't vary, and for too few samples.
 pub(super) fn first_order(values: &[f64], result: &[f64]) -> Option<f64> {
     let n = values.len();
     let count = (n as f64).sqrt() as usize / 2;
@@ -88,7 +88,7 @@ pub(super) fn first_order(values: &[f64], result: &[f64]) -> Option<f64> {
     (total > 0.0).then(|| index.clamp(0.0, 1.0))
 }
 
-/// Ranks of values from 0 to 1: infinite ones are the last.
+/// Ranks of values from 0 to 1; infinite ones are the last.
 pub(super) fn ranks(values: &[f64]) -> Vec<f64> {
     let mut ranks = vec![0.0; values.len()];
     for (rank, place) in order(values).into_iter().enumerate() {
@@ -115,7 +115,7 @@ mod tests {
         let sum: Vec<f64> = x.iter().zip(&y).map(|(x, y)| 3.0 * x + y).collect();
         let (of_x, of_y) = (first_order(&x, &sum).unwrap(), first_order(&y, &sum).unwrap());
         assert!((of_x - 0.9).abs() < 0.02 && (of_y - 0.1).abs() < 0.02, "{of_x}, {of_y}");
-        // What is only of both together has no first-order index.
+        // A joint effect has no first-order index.
         let product: Vec<f64> = x.iter().zip(&y).map(|(x, y)| (x - 0.5) * (y - 0.5)).collect();
         assert!(first_order(&x, &product).unwrap() < 0.01);
         assert_eq!(first_order(&x, &vec![1.0; x.len()]), None);

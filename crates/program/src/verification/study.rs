@@ -1,4 +1,4 @@
-//! A study: a loop, what is varied in it, what it must meet, and its runs.
+//! A study: a loop, its varied quantities, its requirements, and its runs.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,13 +17,13 @@ use crate::simulation::{LoadedLoop, Recording};
 use crate::structure::{Event, Settings, Structure};
 use crate::workers::{Workers, results};
 
-/// Values that are recorded before metrics take them.
+/// Number of values that are recorded before metrics process them.
 const BLOCK: usize = 1 << 14;
-/// Samples that are made in a row by each thread, and by a worker.
+/// Consecutive samples of a thread, and of a worker.
 const ROW: u64 = 32;
-/// Batches that workers have at a time.
+/// The most batches of all workers.
 const BATCHES: u64 = 32;
-/// Refused samples are counted after so many, and each time that there are ten times as many.
+/// Number of samples at which refused ones are first counted; each further count is at ten times as many.
 const FIRST_COUNT: u64 = 1000;
 
 /// Wishes of a user.
@@ -31,9 +31,9 @@ const FIRST_COUNT: u64 = 1000;
 pub struct Asked {
     /// Quantities with their distributions.
     pub vary: Vec<Vary>,
-    /// Plants that are drawn from what is known of them.
+    /// Plants with known uncertainty.
     pub vary_from: Vec<VaryFrom>,
-    /// Requirements; the limits of the loop's metrics without any.
+    /// Requirements [default: the limits of the loop's metrics].
     pub require: Vec<Requirement>,
     /// True if all runs have the same noise.
     pub same_noise: bool,
@@ -55,7 +55,7 @@ pub struct Batch {
 pub struct Ended {
     /// Its counts.
     pub tally: Tally,
-    /// The verdict; none without a rate that is allowed, or where it was interrupted.
+    /// The verdict; none without an allowed rate, or after an interruption.
     pub verdict: Option<Verdict>,
     /// True if the user stopped it.
     pub interrupted: bool,
@@ -76,7 +76,7 @@ pub struct Study {
 }
 
 impl Study {
-    /// A study of a loop, by a function that loads it: as often as runs may go on at a time.
+    /// A study of a loop, from a function that loads it, once for each parallel run.
     ///
     /// # Errors
     /// When a quantity or a requirement doesn't fit the loop.
@@ -176,7 +176,7 @@ impl Study {
         self.varied.seeds(self.random(sample)).map(|(_, seed)| seed).collect()
     }
 
-    /// The events that a user asks for, with the times of a sample, as the option has them.
+    /// The user's events, with the times of a sample, in the form of the option.
     pub fn events(&self, sample: u64) -> Vec<String> {
         let values = self.values(sample);
         let asked = self.events.iter().enumerate().filter(|(_, event)| event.origin.is_argument());
@@ -187,11 +187,11 @@ impl Study {
         Random { seed: self.seed, sample }
     }
 
-    /// Refuses requirements about metrics that the loop as it is doesn't have, since its references don't step; its metrics,
-    /// where it reaches its end.
+    /// Metrics of the nominal loop, if it reaches its end. Refuses requirements on metrics that it lacks, since its
+    /// references don't step.
     ///
     /// # Errors
-    /// The requirement.
+    /// The refused requirement.
     pub fn as_it_is(&self, is_interrupted: &dyn Fn() -> bool) -> Result<Option<Vec<Option<f64>>>, Error> {
         let Some((outcome, measured)) = self.run_one(&self.loops[0], &self.varied.nominal(), is_interrupted) else {
             return Ok(None);
@@ -206,8 +206,8 @@ impl Study {
         }
     }
 
-    /// Makes further samples until the plan has a verdict, in their order: the same ones for any number of threads. `done` is
-    /// called with what there is now and then; `is_interrupted` is asked at every communication point.
+    /// Makes further samples until the plan has a verdict, in an order that doesn't depend on the number of threads.
+    /// `done` gets the results from time to time; `is_interrupted` is called at every communication point.
     ///
     /// # Errors
     /// When too many samples are refused, with the message of the first.
@@ -251,8 +251,7 @@ impl Study {
         }
     }
 
-    /// Ends a study that is to have so many samples, and in which more than 1 % of them, or now and then of those so far, are
-    /// refused.
+    /// Ends a study with refused samples if they are more than 1 % of its size, or at a count of those so far.
     fn check_refused(&self, planned: u64, tally: &Tally, outcomes: &[Outcome]) -> Result<(), Error> {
         let samples = outcomes.len() as u64;
         let mut counts = std::iter::successors(Some(FIRST_COUNT), |count| count.checked_mul(10));
@@ -274,7 +273,7 @@ impl Study {
         Err(Error::Loop { file: self.structure.file.clone(), reason })
     }
 
-    /// The outcomes of a batch on all threads; fewer where the user stops it.
+    /// The outcomes of a batch on all threads; fewer if the user stops it.
     pub fn batch(&self, batch: Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
         let made = parallel::each(&self.loops, batch.count as usize, |loaded, k| {
             let random = self.random(batch.first + k as u64);
@@ -284,7 +283,7 @@ impl Study {
         made.into_iter().map_while(|outcome| outcome).collect()
     }
 
-    /// A run of a sample; none where the user stops it.
+    /// A run of a sample; none if the user stops it.
     fn run_one(
         &self,
         loaded: &LoadedLoop,
@@ -336,14 +335,14 @@ impl Study {
         })
     }
 
-    /// The metrics of a whole run, in the order of their labels.
+    /// The metrics of a complete run, in the order of their labels.
     fn ended(&self, measured: Vec<Measured>) -> (Outcome, Vec<Measured>) {
         let value = |label: &String| measured.iter().find(|metric| metric.label == *label).and_then(|it| it.value);
         let metrics = self.labels.iter().map(|label| value(label).filter(|value| value.is_finite())).collect();
         (Outcome::Ended(metrics), measured)
     }
 
-    /// The signals of a sample, or of the loop as it is, as they are recorded.
+    /// The recorded signals of a sample, or of the nominal loop.
     ///
     /// # Errors
     /// When the sample is refused.
@@ -357,7 +356,7 @@ impl Study {
     }
 }
 
-/// Outcomes of a batch by workers; fewer where the user stops it.
+/// Outcomes of a batch by workers; fewer if the user stops it.
 fn hand_out(workers: &dyn Workers, batch: Batch) -> Vec<Outcome> {
     let starts = (batch.first..batch.first + batch.count).step_by(ROW as usize);
     let jobs = starts.map(|first| Batch { first, count: ROW.min(batch.first + batch.count - first) });

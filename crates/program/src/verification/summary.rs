@@ -11,7 +11,7 @@ use super::study::{Ended, Study};
 use crate::results::four_digits;
 use crate::text_file::csv_field;
 
-/// Samples whose values are written as parameter sets, of each kind.
+/// Number of samples of each kind whose values are written as parameter sets.
 const MOST_SETS: usize = 100;
 
 /// A study with its outcomes.
@@ -25,9 +25,9 @@ pub struct Summary<'a> {
     pub outcomes: &'a [Outcome],
     /// Its end.
     pub ended: &'a Ended,
-    /// Metrics of the loop as it is, where it reaches its end.
+    /// Metrics of the nominal loop, if it reaches its end.
     pub as_it_is: Option<&'a [Option<f64>]>,
-    /// True if a run is one continuous system.
+    /// True if a run simulates one continuous system.
     pub composite: bool,
 }
 
@@ -38,7 +38,7 @@ pub struct Index {
     pub name: String,
     /// Its distribution.
     pub distribution: String,
-    /// First-order index of failing; none where no run or every run fails.
+    /// First-order index of failing; none if no run or every run fails.
     pub of_failing: Option<f64>,
     /// First-order index of the distance to the nearest limit, by ranks.
     pub of_distance: Option<f64>,
@@ -51,7 +51,7 @@ pub(super) struct Runs {
     pub columns: Vec<Vec<f64>>,
     /// True for each run that failed.
     pub failed: Vec<bool>,
-    /// Distance of each from its nearest limit, positive beyond it.
+    /// Excess of each over its nearest limit, positive beyond it.
     pub excess: Vec<f64>,
 }
 
@@ -73,12 +73,12 @@ impl Summary<'_> {
         }
     }
 
-    /// The interval that holds the true part of failing runs with the confidence.
+    /// The confidence interval of the failing part of runs.
     pub fn interval(&self) -> [f64; 2] {
         self.plan.interval(self.ended.tally.failures, self.ended.tally.runs)
     }
 
-    /// Counts of violated limits and of what is no result, a sentence each.
+    /// Counts of violated limits and of samples without a result, a sentence each.
     pub fn counts(&self) -> Vec<String> {
         let (tally, mut counts) = (&self.ended.tally, Vec::new());
         for (k, limit) in self.study.limits().of.iter().enumerate() {
@@ -118,7 +118,7 @@ impl Summary<'_> {
         self.runs().filter(|(_, outcome)| is_failure(outcome)).map(|(k, _)| k).take(MOST_SETS).collect()
     }
 
-    /// The samples that are farthest beyond a limit, or nearest to one; those that don't reach their end first.
+    /// The samples with the largest excess over a limit; those that don't reach their end are first.
     pub fn worst(&self) -> Vec<u64> {
         let mut order: Vec<(f64, u64)> =
             self.runs().map(|(k, outcome)| (self.study.limits().excess(outcome), k)).collect();
@@ -154,7 +154,7 @@ impl Summary<'_> {
         runs
     }
 
-    /// Influences on the failures: the most important quantity first.
+    /// Influences on the failures, the most important quantity first.
     pub fn indices(&self) -> Vec<Index> {
         self.indices_of(&self.table())
     }
@@ -233,7 +233,7 @@ impl Summary<'_> {
         })
     }
 
-    /// True if a failure is shown by the sample's word.
+    /// Verdict on a sample.
     pub(super) fn judged(&self, sample: u64) -> Judged {
         self.study.limits().judge(&self.outcomes[sample as usize])
     }
@@ -262,7 +262,7 @@ fn share(part: f64) -> String {
     three_digits(100.0 * part, 100.0 * part)
 }
 
-/// A rate: one in so many, where that is a whole number.
+/// A rate: one in so many, if that is a whole number.
 fn rate(rate: f64) -> String {
     let inverse = 1.0 / rate;
     if inverse >= 2.0 && (inverse - inverse.round()).abs() < 1e-6 * inverse {

@@ -1,4 +1,4 @@
-//! The quantities that are varied in a loop: their places, and the values of each sample.
+//! The varied quantities of a loop: their places, and the values of each sample.
 
 use super::distribution::{Cut, Vary};
 use super::plant::DrawnPlant;
@@ -9,7 +9,7 @@ use crate::simulation::{Change, LoadedLoop, Place};
 use crate::structure::{Event, Settings};
 use crate::system::NO_LIMIT;
 
-/// A component with a parameter of this name, and one whose name begins with the other, has noise.
+/// A component has noise if it has a parameter with the first name, and one whose name begins with the second.
 const SEED: &str = ".seed";
 const NOISE: &str = "noise";
 
@@ -31,7 +31,7 @@ struct Single {
     cut: Cut,
 }
 
-/// All that is varied in a loop.
+/// All varied quantities of a loop.
 #[derive(Debug)]
 pub(super) struct Varied {
     singles: Vec<Single>,
@@ -42,7 +42,7 @@ pub(super) struct Varied {
     events: Vec<Change>,
 }
 
-/// A sample: values to start with, and changes during the run.
+/// A sample: start values, and changes during the run.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sample {
     /// Start values.
@@ -55,7 +55,7 @@ impl Varied {
     /// The quantities of a loop, which was loaded without its events.
     ///
     /// # Errors
-    /// When a name isn't there, is given twice or can't be set, and for a distribution without values that are allowed.
+    /// When a name doesn't exist, is given twice or can't be set, or a distribution has no allowed values.
     pub fn new(
         loaded: &LoadedLoop,
         vary: &[Vary],
@@ -80,7 +80,7 @@ impl Varied {
         Ok(varied)
     }
 
-    /// The same with a seed of its own for the noise of each run.
+    /// The same with a new seed for the noise of each run.
     #[must_use]
     pub fn with_noise(self, loaded: &LoadedLoop) -> Self {
         let names: Vec<String> = loaded.tunable();
@@ -109,7 +109,7 @@ impl Varied {
         singles.chain(self.plants.iter().flat_map(|plant| plant.names().map(|_| plant.text().to_owned())))
     }
 
-    /// True for each whose logarithm is what is uniform.
+    /// True for each whose logarithm is uniformly distributed.
     pub fn are_logarithmic(&self) -> impl Iterator<Item = bool> {
         let singles = self.singles.iter().map(|single| single.cut.is_logarithmic());
         singles.chain(self.plants.iter().flat_map(|plant| plant.names().map(|_| false)))
@@ -158,7 +158,7 @@ impl Varied {
         named.enumerate().filter(is_start).map(|(_, named)| named)
     }
 
-    /// The time of an event in a sample, where it is varied.
+    /// The time of an event in a sample, if it is varied.
     pub fn event_time(&self, event: usize, values: &[f64]) -> Option<f64> {
         self.singles.iter().zip(values).find(|(it, _)| it.target == Target::Time(event)).map(|(_, value)| *value)
     }
@@ -169,7 +169,7 @@ impl Varied {
     }
 }
 
-/// A quantity by its name: a start value, or the time of an event that the user asks for.
+/// A quantity by its name: a start value, or the time of an event of the user.
 fn single(loaded: &LoadedLoop, of: &Vary, events: &[Event], settings: Settings) -> Result<Single, String> {
     let Vary { name, distribution } = of;
     let wrong = |reason| format!("`{name}`: {reason}");
@@ -193,7 +193,7 @@ fn single(loaded: &LoadedLoop, of: &Vary, events: &[Event], settings: Settings) 
     Ok(Single { name, text: distribution.to_string(), target: Target::Start(place), cut })
 }
 
-/// The place of an event among all, by `N].time`, where N counts those that the user asks for.
+/// The place of an event among all, from `N].time`, where N counts those of the user.
 fn asked_event(text: &str, events: &[Event]) -> Result<usize, String> {
     let form = "must be event[N].time, where N counts the options --event";
     let number: usize = text.strip_suffix("].time").and_then(|number| number.parse().ok()).ok_or(form)?;
@@ -206,7 +206,7 @@ fn asked_event(text: &str, events: &[Event]) -> Result<usize, String> {
     })
 }
 
-/// The times of events as a user writes them.
+/// The times of the user's events, as written.
 pub(super) fn timed(event: &Event, time: f64) -> String {
     format!("{time}: {}={}", event.name, event.text)
 }
