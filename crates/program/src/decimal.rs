@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 /// Fewer digits than these are those of one number at most, and it is the nearest.
 const SEVERAL: usize = 16;
-/// A number that isn't a multiple of 1 part in so many has more decimal places than can end it halfway between two others; from
-/// `LARGE` on, it may lie so.
+/// A number that isn't a multiple of 1 part in so many has too many decimal places to lie halfway between two others;
+/// from `LARGE` on, it may.
 const PARTS: f64 = (1_u64 << 30) as f64;
 const LARGE: f64 = 1e15;
 

@@ -74,7 +74,7 @@ pub(super) struct Fit {
 /// Difference between two fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Difference {
-    /// The largest difference of an entry of A, of B, and of C and D, of signals scaled to one size, relative to the largest.
+    /// The largest difference of an entry of A, of B, and of C and D for scaled signals, relative to the largest.
     pub matrices: f64,
     /// The largest distance of an eigenvalue of A from the other's, relative to the largest.
     pub eigenvalues: f64,

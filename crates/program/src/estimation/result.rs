@@ -40,7 +40,7 @@ pub struct Found {
     pub held_out: Vec<f64>,
     /// The part that noise leaves, %.
     pub ceiling: Vec<f64>,
-    /// Simulated outputs of each record, constant errors of sensors included: a row an output, a column a row of the record.
+    /// Simulated outputs of each record, with constant errors of sensors: rows are outputs, columns rows of the record.
     pub simulated: Vec<DMatrix<f64>>,
     /// Rows of each record that the parameters are estimated from.
     pub seen: Vec<usize>,

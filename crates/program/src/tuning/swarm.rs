@@ -1,7 +1,7 @@
 //! Particle swarm optimisation.
 //!
-//! J. Kennedy and R. Eberhart, Particle swarm optimization, Proc. IEEE Int. Conf. Neural Networks 4 (1995) 1942–1948; with
-//! an inertia that decreases and a limit of the velocity, as in chapter 4 of the thesis:
+//! J. Kennedy and R. Eberhart, Particle swarm optimization, Proc. IEEE Int. Conf. Neural Networks 4 (1995) 1942–1948;
+//! with an inertia that decreases and a limit of the velocity, as in chapter 4 of the thesis:
 //!
 //! v ← α v + c₁ r₁ (x* − x) + c₂ r₂ (x** − x), x ← x + v,
 //!
@@ -52,7 +52,7 @@ struct Particle {
 /// Result of a generation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Generation {
-    /// The best value of all generations so far; none where none has a value.
+    /// The best value of all generations so far, if any.
     pub best: Option<f64>,
     /// The median of the particles' best values so far; those without one count as worst.
     pub median: Option<f64>,
