@@ -21,11 +21,11 @@ fn at_rest(start: &str, u: f64) -> Unit {
     unit
 }
 
-/// Every effect at once, in two channels.
+/// All effects simultaneously, in two channels.
 const ALL: &str = "dead_zone = [0.1, 0.0]\ndelay = [0.007, 0.002]\nu_min = [-0.5, -1e15]\nu_max = [0.8, 0.6]\n\
                    rate_limit = [20.0, 1e15]\ntime_constant = [0.01, 0.02]\nrelative_tolerance = 1e-10";
 
-/// The output for commands that are held for a step each.
+/// The output for commands with a zero-order hold of a step each.
 fn answers(unit: &Unit, commands: &[f64]) -> Vec<f64> {
     let steps = commands.iter().enumerate().map(|(k, &u)| {
         unit.put("u[1]", u);
@@ -51,7 +51,7 @@ fn a_gain_and_a_bias_act_behind_the_limits_and_at_once() {
     unit.run(0.0, 1, 0.01);
     assert_eq!(unit.get("y[1]"), 2.0 - 0.5, "while it runs");
     assert_eq!(derivative_by_the_command(&at_rest("gain = [0.7]\nbias = [5.0]", 0.1)), 0.7);
-    // Behind a lag it is the lagged value that is lost, at once.
+    // After a lag, the lagged value is lost immediately.
     let unit = at_rest("time_constant = [0.5]", 1.0);
     unit.put("u[1]", 0.0);
     unit.run(0.0, 1, 0.1);
@@ -110,8 +110,8 @@ fn a_lag_follows_a_step_by_the_exponential() {
     }
 }
 
-/// A step from 0 to 1 (or to −1) with rate limit R and time constant T: the ramp ends at 1 − R T, where the lag alone is
-/// as slow as the limit.
+/// A step from 0 to 1 (or to −1) with rate limit R and time constant T: the ramp ends at 1 − R T, where the lag is as
+/// slow as the limit.
 fn limited_step(t: f64, rate: f64, time_constant: f64) -> f64 {
     let end = 1.0 / rate - time_constant;
     if t < end { rate * t } else { 1.0 - rate * time_constant * (-(t - end) / time_constant).exp() }

@@ -36,7 +36,7 @@ pub fn head(model: &str) -> String {
     format!("name = 'Test'\nmodel = '{model}'\ndescription = ''\n")
 }
 
-/// What a unit refuses, at its start.
+/// Refusal of an FMU at its start.
 pub fn refusal(text: &str) -> String {
     match model(text).map(Execution::new) {
         Err(reason) => reason,

@@ -108,7 +108,7 @@ fn no_two_inputs_or_outputs_of_a_unit_say_the_same_of_themselves() {
         let alike = alike(&model(&description(&name)).unwrap());
         assert!(alike.is_empty(), "{name}: {}", alike.join("\n"));
     }
-    // Nor do those of a whole loop.
+    // Those of composites don't, either.
     for whole in loop_names().iter().map(|name| model(&whole(name)).unwrap()) {
         let alike = alike(&whole);
         assert!(alike.is_empty(), "{}: {}", whole.description().name, alike.join("\n"));
@@ -163,7 +163,7 @@ fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
         xml.contains("author=\"A &amp; B\" version=\"2.1\" license=\"MIT\" copyright=\"(c) A\" generationTool="),
         "{xml}"
     );
-    // What nobody says isn't there.
+    // Unknown attributes are absent.
     let xml = model_description::xml(&plain);
     assert!(!xml.contains("author=") && !xml.contains("license=") && !xml.contains("copyright="), "{xml}");
     assert_ne!(model_description::guid(&plain), model_description::guid(&told));
@@ -176,7 +176,7 @@ fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
             &["must be one line of 1 … 200"],
         );
     }
-    // This package's units say it.
+    // FMUs of this package have them.
     for name in description_names() {
         let model = model(&description(&name)).unwrap();
         assert!(model.description().about().all(|(_, text)| text.is_some()), "{name}");

@@ -1,4 +1,4 @@
-//! What a designer is told of a description before it is exported, and that the advice is right.
+//! Design reports of descriptions before an export, and their advice.
 
 use std::f64::consts::PI;
 use std::time::{Duration, Instant};
@@ -159,8 +159,8 @@ fn a_step_that_is_too_long_at_rest_and_the_one_that_is_advised() {
     assert!((number(&report(&slower), "longest step at rest") / 0.05 - 1.0).abs() < 1e-5);
 }
 
-/// How much the control of example 3.2.1 swings in the seconds 2 to 4 and 8 to 10, with the nominal plant x' = A_m x + B u
-/// and a delay at its input.
+/// Swing of the control of example 3.2.1 in the seconds 2 to 4 and 8 to 10, with the nominal plant x' = A_m x + B u and
+/// a delay at its input.
 fn swings(delay: usize, step: f64) -> [f64; 2] {
     let controller = Unit::new("L1NonlinearSiso");
     controller.start(0.0);
@@ -221,7 +221,7 @@ fn a_fuzzy_gain_is_judged_over_its_range() {
         other => panic!("{other:?}"),
     });
     let [constant, least, largest] = gains.collect::<Vec<_>>().try_into().unwrap();
-    // The centre of `zero` alone, (VS_l + VS_l + S_l)/3, and that of `very large`, (VL_l + 2 VL_c)/3.
+    // The centre of only `zero`, (VS_l + VS_l + S_l)/3, and of only `very large`, (VL_l + 2 VL_c)/3.
     assert_eq!(constant, 20.0);
     assert!((least - (0.25 + 0.25 + 0.9) / 3.0).abs() < 1e-12, "{least}");
     assert!((largest - (6.0 + 2.0 * 10.0) / 3.0).abs() < 1e-12, "{largest}");

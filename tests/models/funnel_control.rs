@@ -19,7 +19,7 @@ fn unit(channels: usize, degree: usize, form: &str, start: &str) -> Result<Run, 
     Ok(Run(Execution::new(Model::from_description(Description::read(&text)?, REGISTRY)?)))
 }
 
-/// The law as it is written in the papers, for one channel.
+/// The control law of the papers, for one channel.
 fn asked(form: &str, errors: &[f64], [psi, tau, g, g_0, psi_1]: [f64; 5]) -> f64 {
     if form == "two_funnels" {
         let e_1 = errors[1] + g_0 * errors[0] / (1.0 - (errors[0] / psi).powi(2));
@@ -154,7 +154,7 @@ struct Known<'a> {
     part: f64,
 }
 
-/// Asserts what a loop comes to.
+/// Asserts the metrics of a loop.
 fn comes_to(mut run: Run, degree: usize, known: &Known, [until, step]: [f64; 2]) {
     let m = known.rms.len();
     let errors = (1..=m).map(|i| format!("controller.e[{i}]"));
@@ -172,7 +172,7 @@ fn comes_to(mut run: Run, degree: usize, known: &Known, [until, step]: [f64; 2])
     as_printed("largest part", part, known.part);
 }
 
-/// Asserts that a number is another within 3 parts in a thousand, or as far as two digits tell, where it has no more.
+/// Asserts that a number is another one within 3 parts in a thousand, or within rounding if that has two digits.
 #[track_caller]
 fn as_printed(what: &str, found: f64, known: f64) {
     let has_two_digits = format!("{known:.1e}").parse() == Ok(known);
@@ -203,7 +203,7 @@ fn the_plant_of_chapter_4_stays_in_its_funnel() {
     comes_to(run, 2, &Known { rms: &[0.007819], max: &[26.0], part: 0.687 }, [40.0, 0.002]);
 }
 
-/// What is followed is the state of the reference model.
+/// The signal to follow is the state of the reference model.
 #[test]
 fn the_coupled_system_stays_in_its_funnel() {
     let text = "model = 'funnel'\n[structure]\nchannels = 3\nrelative_degree = 1\n[start]\npsi_0 = [2.0, 2.0, 2.0]\npsi_inf = \

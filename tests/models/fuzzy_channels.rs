@@ -1,4 +1,4 @@
-//! The fuzzy feedback gain of an L1 controller with several channels: the law, what is refused, and what it is worth on the
+//! The fuzzy feedback gain of an L1 controller with several channels: its equations, refusals, and benefits on the
 //! robot and on example 6.5.1.
 
 mod by_hand;
@@ -63,7 +63,7 @@ fn each_channel_has_its_weights_its_sets_and_its_scale() {
     assert!(run.get("gain_in_force[1,1]") == 30.0 && run.get("gain_in_force[2,2]") == run.get("k_f[2]"));
 }
 
-/// With `fuzzy_sets` = shared the nine corners have the names that one channel has them by.
+/// With `fuzzy_sets` = shared the nine corners have the same names as with one channel.
 #[test]
 fn what_channels_share_has_the_names_of_one_channel() {
     let shared = with(ROBOT, "fuzzy_sets = \"own\"", "fuzzy_sets = \"shared\"");
@@ -80,7 +80,7 @@ fn what_channels_share_has_the_names_of_one_channel() {
     assert!(has(&old, "k_p") && has(&old, "VL_c") && !has(&old, "k_p[1]") && !has(&old, "fuzzy_scale"));
 }
 
-/// With the same numbers in each channel, what is shared and what each has of its own are one law, bit for bit.
+/// With the same numbers in each channel, shared and own sets give the same control, bit for bit.
 #[test]
 fn sharing_is_having_the_same_numbers() {
     let (weights, each) = ("k_e = 0.1\nk_p = 1.6\nk_d = 0.3", "k_e = [0.1, 0.1]\nk_p = [1.6, 1.6]\nk_d = [0.3, 0.3]");
@@ -127,7 +127,7 @@ fn where_the_control_enters_a_rate_there_is_no_weight_of_it() {
     let shared =
         text.replace("fuzzy_weights = \"own\"", "").replace("k_e = [0.1, 0.1, 0.1]\nk_p = [1.0, 1.0, 1.0]", "");
     refused(&shared, &["C B: largest entry = 1.000e0", "must be 0", "fuzzy_weights = \"own\""]);
-    // One channel of each kind: y_1 is x_1 + .1 x_3, whose rate the control is in.
+    // One channel of each kind: y_1 is x_1 + 0.1 x_3, and the control enters its rate.
     let mixed = with(ROBOT, "C = [[1.0, 0.0, 0.0, 0.0]", "C = [[1.0, 0.0, 0.1, 0.0]");
     refused(&mixed, &["k_d[1] = 0.3333", "must be 0", "the control has feedthrough to the rate", "C B"]);
     let one = mixed.replace("k_d = [0.3333333333333333,", "k_d = [0.0,");
@@ -176,7 +176,7 @@ fn the_design_report_judges_the_range_of_each_channels_gain() {
         Value::Matrix(rows) => rows.clone(),
         other => panic!("{other:?}"),
     });
-    // The centres of `zero` and of `very large` alone.
+    // The centres of only `zero` and of only `very large`.
     let [least, largest] = [(0.25 + 0.25 + 0.9) / 3.0, (6.0 + 2.0 * 10.0) / 3.0];
     let expected = [[[30.0, 6.0], [0.0, 20.0]]].into_iter();
     let expected = expected.chain([least, largest].map(|k| [[k, 0.2 * k], [0.0, 2.0 * k]]));
@@ -186,12 +186,12 @@ fn the_design_report_judges_the_range_of_each_channels_gain() {
         let pairs = found.iter().flatten().zip(expected.iter().flatten());
         pairs.for_each(|(found, expected)| assert!((found - expected).abs() < 1e-12, "{found}, not {expected}"));
     }
-    // A channel without a rate has a smaller range: |e| alone never makes more than `large`.
+    // A channel without a rate has a smaller range: |e| by itself never exceeds `large`.
     let report = model(&description(COUPLED)).unwrap().report();
     let largest = report.findings.iter().rfind(|finding| finding.name == "K").map(|finding| &finding.value);
     let Some(Value::Matrix(rows)) = largest else { panic!("{largest:?}") };
     assert!((rows[0][0] - (2.25 + 4.5 + 8.0) / 3.0).abs() < 1e-12, "{rows:?}");
-    // What the page of the report tells of this unit.
+    // Findings on the report's page for this controller.
     let lambdas =
         report.findings.iter().filter(|finding| finding.name == "lambda").map(|finding| match finding.value {
             Value::Between { upper, .. } => upper,
@@ -201,7 +201,7 @@ fn the_design_report_judges_the_range_of_each_channels_gain() {
     assert_eq!(lambdas, ["0.50", "1.65", "1.19"]);
 }
 
-/// With another filter K stands before it: the switch of the gain doesn't move the control.
+/// With another filter K is before it, so a switch of the gain doesn't move the control.
 #[test]
 fn with_another_filter_no_switch_makes_the_control_jump() {
     let filter = "filter = { denominator = [[1.0, 0.0], [0.02, 1.0]] }\ninput_gain =";

@@ -56,7 +56,7 @@ fn the_gain_grows_with_the_error_and_with_its_rate() {
     let [zero, very_large] = [(0.25 + 0.25 + 0.9) / 3.0, (6.0 + 10.0 + 10.0) / 3.0];
     assert!((k_f([0.0, 0.0, 0.0, 0.0]) - zero).abs() < 1e-14);
     assert!((k_f([30.0, 50.0, 0.0, 0.0]) - very_large).abs() < 1e-14);
-    // k_p |e| and k_d |e'| are .31, the centre of very small, and 1.
+    // k_p |e| and k_d |e'| are 0.31, the centre of very small, and 1.
     let [by_error, by_rate] = [k_f([3.1, 20.0, 0.0, 0.0]), k_f([10.0, 6.2, 0.0, 0.0])];
     assert!((by_error - by_rate).abs() < 1e-12 && zero < by_error && by_error <= very_large);
     // What counts is e' = dr - x2.
@@ -124,7 +124,8 @@ fn the_switch_is_met_inside_a_step_when_inputs_move() {
 
 #[test]
 fn an_error_that_sweeps_over_both_thresholds_within_a_step_switches_twice() {
-    // e goes from -.25 to .72 within 10 µs; between the thresholds -.1 and .1 the gain is 20, and moves the control.
+    // e goes from -0.25 to 0.72 within 10 µs. Between the thresholds -0.1 and 0.1 the gain is 20, and moves the
+    // control.
     let swept = |parts: u32, method: i32| {
         let unit = Unit::new(NAME);
         assert_eq!(unit.set_integer("integration_method", method), OK);

@@ -6,7 +6,7 @@ use common::described::{model, refused};
 use common::random::Random;
 use common::{description, description_names};
 
-/// As one description after the other is tried on a slow machine.
+/// Longest time on a slow machine, where descriptions are tried one after the other.
 const SOON: Duration = Duration::from_secs(10);
 
 fn structure(model: &str, structure: &str) -> String {

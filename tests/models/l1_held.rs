@@ -1,4 +1,4 @@
-//! What the design report calls sound is held: against the L1 law written out, with plants at the bounds of the input gain.
+//! Sound designs work as reported: L1 controllers written out, with plants at the bounds of the input gain.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use adaptive_fmu::report::{Finding, Value};
@@ -20,7 +20,7 @@ struct Design {
     sigma: f64,
 }
 
-/// What the loop came to: the largest |y − 1| of the last quarter, and the range of u then.
+/// Results of the loop: the largest |y − 1| of the last quarter, and the range of u then.
 #[derive(Debug)]
 struct Ran {
     error: f64,
@@ -29,7 +29,7 @@ struct Ran {
 }
 
 impl Design {
-    /// That of a third-order plant whose adaptation is slow beside its filter.
+    /// A third-order plant whose adaptation is slow compared with its filter.
     fn third() -> Self {
         let (a, poles) = (vec![1.0, 2.5, 3.0], vec![-4.7, -5.7, -6.8]);
         Design { a, b: 0.6, poles, K: 100.0, gain: 5e3, omega: [0.3, 3.0], theta: 11.63, sigma: 1000.0 }
@@ -86,7 +86,7 @@ impl Design {
         model(&self.text()).unwrap_or_else(|error| panic!("{error}: {self:?}")).report()
     }
 
-    /// The law written out with a plant of so many times the nominal input gain, from rest, for a step of 1.
+    /// Runs the controller with a plant of `omega` times the nominal input gain, from rest, for a step of 1.
     fn run(&self, omega: f64, until: f64) -> Ran {
         let (n, wanted) = (self.a.len(), polynomial(&self.poles));
         let K_m: Vec<_> = (0..n).map(|j| (wanted[j] - self.a[j]) / self.b).collect();
@@ -173,8 +173,8 @@ fn finding<'a>(report: &'a DesignReport, name: &str) -> &'a Finding {
 const PREDICTION: &str = "bound on the prediction";
 const TOLERATED: &str = "that the adaptation tolerates";
 
-/// The adaptation of a third-order design turns at 7.7 rad/s beside a filter of 300 rad/s: with twice or three times the
-/// nominal input gain, y isn't 1 after 20 s, and u swings.
+/// The adaptation of a third-order design oscillates at 7.7 rad/s with a filter of 300 rad/s. With twice or three times
+/// the nominal input gain, y isn't 1 after 20 s, and u swings.
 #[test]
 fn a_design_whose_adaptation_is_slow_beside_its_filter_is_not_sound_and_not_held() {
     let design = Design::third();
@@ -215,7 +215,7 @@ fn with_the_gain_that_it_tolerates_and_a_faster_adaptation_it_is_held() {
         let ran = design.run(omega, 20.0);
         assert!(ran.error < 1e-3 && ran.swing < 0.05, "{omega}: {ran:?}");
     }
-    // A fast adaptation alone leaves the control swinging.
+    // Fast adaptation by itself leaves the control swinging.
     let ran = Design { gain: 5e6, ..Design::third() }.run(2.0, 20.0);
     assert!(ran.error < 1e-2 && ran.swing > 0.1, "{ran:?}");
 }

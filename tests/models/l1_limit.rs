@@ -1,5 +1,5 @@
-//! The linear controller that an L1 controller tends to: against its equations written out, against L1 controllers of growing
-//! adaptation gain, and what it comes to on the loops of the thesis.
+//! The linear limit of an L1 controller: its equations written out, L1 controllers of growing adaptation gain, and its
+//! results on the loops of the thesis.
 
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
@@ -68,7 +68,7 @@ impl Hand {
         [u_ad, u, (u - wanted) / self.inertia[i]]
     }
 
-    /// Rates of (q, q', integrals, lags): nothing of the law is rewritten, x' is known here.
+    /// Rates of (q, q', integrals, lags): the equations are not rewritten, as x' is known here.
     fn rates(&self, z: &[f64; 8]) -> [f64; 8] {
         let controls = [self.control(0, z), self.control(1, z)];
         let mut rates = [0.0; 8];
@@ -237,7 +237,7 @@ fn with_unmatched_uncertainty_it_is_the_law_with_what_moves_the_plant_for_an_est
     }
 }
 
-/// Two loops as one unit each: their largest distance in the outputs.
+/// Two loops, each as a single FMU: their largest distance in the outputs.
 fn distance([mut one, mut other]: [Run; 2], outputs: usize, steps: usize, step: f64) -> f64 {
     let mut largest: f64 = 0.0;
     for _ in 0..steps {
@@ -261,7 +261,7 @@ fn closed([reference, plant]: [&str; 2], controller: &str, start: &str, [m, n]: 
 
 const SLOW_POLES: &str = "pole_real = [-30.0, -30.0, -40.0, -40.0]\npole_imag = [0.5, -0.5, 0.5, -0.5]\n";
 
-/// With ten times the adaptation gain an L1 loop lies ten times as near.
+/// With ten times the adaptation gain an L1 loop is ten times closer.
 #[test]
 fn an_l1_loop_tends_to_it_as_its_adaptation_gets_fast() {
     for (units, name, slow, sizes, steps, gains, known) in [
@@ -341,7 +341,7 @@ fn on_chapter_4_it_is_what_the_l1_loop_is() {
     near("max |u|", found[1].max, 245.15, 1e-3);
 }
 
-/// η_2 shows in u_ad at once: it is differentiated.
+/// η_2 enters u_ad immediately: it is differentiated.
 #[test]
 fn on_the_twin_rotor_it_is_what_the_l1_loop_is() {
     let mut run = closed(["ReferenceTwinRotor", "TwinRotor"], &limit_of("L1TwinRotor"), "", [2, 6]).started(1e-8);

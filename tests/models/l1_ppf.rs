@@ -26,7 +26,7 @@ fn unit(name: &str, start: &str) -> Run {
     run_of(&table.to_string()).unwrap()
 }
 
-/// What a loop of separate or joint units comes to: largest |e|/ρ, rms of e from 5 s on, largest |u|, channel by channel.
+/// Results of a loop of separate or joint FMUs: largest |e|/ρ, rms of e from 5 s on, largest |u|, channel by channel.
 struct Found {
     part: Vec<f64>,
     late_part: Vec<f64>,
@@ -62,7 +62,7 @@ impl Found {
     }
 }
 
-/// A loop as one unit, for 10 s.
+/// A loop as a single FMU, for 10 s.
 fn whole([reference, plant, controller]: [&str; 3], [of_plant, of_controller]: [&str; 2], [m, n]: [usize; 2]) -> Found {
     let closed = Closed::new().part("reference", reference, "").part("plant", plant, of_plant);
     let mut closed = closed.part("controller", controller, of_controller).connected("reference.r", "controller.r", m);
@@ -89,12 +89,12 @@ fn all_near(what: &str, found: &[f64], known: &[f64], part: f64) {
 }
 
 const COUPLED: [&str; 3] = ["ReferenceCoupledMimo", "CoupledMimo", "L1PpfCoupledMimo"];
-/// Where the model of example 6.5.2 starts: with the plant.
+/// Start of the model of example 6.5.2: that of the plant.
 const MODEL: &str = "x_m0 = [0.6, -0.8, 0.4]\n";
 const FIRST: &str = "x0 = [0.6, -0.8, 0.4]";
 const SECOND: &str = "x0 = [0.6, -0.8, 0.4]\nnonaffine = true";
 const BUMPLESS: &str = "u_ad_start = 'bumpless'";
-/// How far the figures may be from those of the reference simulation, whose digits are four.
+/// Tolerance of the figures against those of the reference simulation, which have four digits.
 const DIGITS: f64 = 1e-3;
 
 #[test]
@@ -220,7 +220,7 @@ impl Split<'_> {
     }
 }
 
-/// At 1 ms, as the page says.
+/// At 1 ms, as on the page.
 #[test]
 fn units_of_their_own_stay_in_their_funnels() {
     for (plant, is_jacobi, part) in [

@@ -1,4 +1,4 @@
-//! The sampled L1 law: against its equations written out, on the loops of the thesis, as one unit and as separate ones.
+//! The sampled L1 controller: its equations written out, on loops of the thesis, as a single FMU and as separate ones.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 mod by_hand;
@@ -60,7 +60,8 @@ struct Hand {
 
 impl Hand {
     fn new(T: f64, d: usize, limit: f64) -> Self {
-        // z² − s z + p with the poles e^(p T): a double integrator with a held control has A = [1 T; 0 1], B = [T²/2; T].
+        // z² − s z + p with the poles e^(p T): a double integrator with a zero-order hold has A = [1 T; 0 1], B =
+        // [T²/2; T].
         let gains = [-30.0_f64, -40.0].map(|re| {
             let (size, angle) = ((re * T).exp(), 0.5 * T);
             let (s, p) = (2.0 * size * angle.cos(), size * size);
@@ -104,7 +105,7 @@ fn reference(t: f64) -> (Pair, Pair) {
     ([0.5 * (0.7 * t).cos(), -0.6 * (0.65 * t).cos()], [-0.35 * (0.7 * t).sin(), 0.39 * (0.65 * t).sin()])
 }
 
-/// What a loop of the robot came to: the states at the samples, the controls from then on.
+/// Results of a loop of the robot: the states at the samples, the controls from then on.
 struct Ran {
     states: Vec<[f64; 4]>,
     controls: Vec<Pair>,
@@ -112,7 +113,7 @@ struct Ran {
     largest: Pair,
 }
 
-/// The robot with the law, by the classical Runge–Kutta method in steps of .5 ms; rms from 5 s on.
+/// The robot with the controller, by the classical Runge–Kutta method in steps of 0.5 ms; rms from 5 s on.
 fn by_hand(T: f64, d: usize, limit: f64, until: f64) -> Ran {
     let mut law = Hand::new(T, d, limit);
     let (mut x, mut ran) =
@@ -148,7 +149,7 @@ fn at(T: f64, d: usize) -> String {
     format!("sample_time = {T:?}\ndelay_steps = {d}")
 }
 
-/// The robot's loop as one unit.
+/// The robot's loop as a single FMU.
 fn whole(start: &str) -> Run {
     let closed = Closed::new().part("reference", "ReferenceTwoLinkRobot", "").part("plant", "TwoLinkRobot", "");
     let closed = closed.part("controller", ROBOT, start);
@@ -194,7 +195,7 @@ fn the_loop_as_one_unit_is_that_of_the_equations_written_out() {
     }
 }
 
-/// Steps a master's separate units all at once, each from the others' outputs before; the robot's states and its controls.
+/// Steps separate FMUs simultaneously, each with the others' previous outputs; returns the robot's states and controls.
 fn jacobi(T: f64, d: usize, until: f64) -> Ran {
     let text = format!("{}\n", description(ROBOT)).replace("sample_time = 0.005", &at(T, d));
     let [reference, plant] = ["ReferenceTwoLinkRobot", "TwoLinkRobot"].map(Unit::new);
@@ -281,7 +282,7 @@ fn a_take_over_makes_no_jump_and_a_hand_over_takes_effect_at_once() {
         step(0.005);
         assert_eq!(controls(&unit)[0], 12.0 + f64::from(k));
     }
-    // Between two samples the control stays; at the next one the law begins from it.
+    // Between two samples the control stays; at the next one the controller starts from it.
     assert_eq!(unit.set_boolean("enabled", true), OK);
     step(0.002);
     assert_eq!(controls(&unit), [21.0, -3.0]);
@@ -404,7 +405,8 @@ fn number(report: &DesignReport, name: &str) -> f64 {
     }
 }
 
-/// At 10 ms with a sample of dead time the loop bears a nominal input gain of .7 to 2 times the right one, not .5 or 3.
+/// At 10 ms with a sample of dead time the loop tolerates nominal input gains of 0.7 to 2 times the right one, not 0.5,
+/// 3.
 #[test]
 fn the_report_tells_what_input_gains_and_dead_times_the_loop_bears() {
     let text = description(ROBOT).replace("sample_time = 0.005", &at(0.01, 1)).replace("step = 0.005", "step = 0.01");
@@ -437,7 +439,7 @@ fn what_this_law_has_no_use_for_is_refused_with_the_reason() {
     assert!(model(&format!("{text}adaptation_gain = 1e5\nomega_min = [0.5, 0.5]\n")).is_ok());
 }
 
-/// What the desired dynamics leave of a state within a sample, the gain of the sampled plant leaves too, as nearly as it can.
+/// The gain of the sampled plant gives a state the decay of the desired dynamics within a sample, as far as it can.
 #[test]
 fn desired_dynamics_may_be_given_as_a_matrix() {
     let text = "name = 'S'\nmodel = 'l1-sampled'\ndescription = ''\n[structure]\nA = [[0.0, 1.0], [-2.0, -0.3]]\nB = [[0.0], [1.0]]\n\

@@ -10,10 +10,10 @@ use common::description;
 use common::models::Run;
 use common::random::Random;
 
-/// Two coupled chains of n integrators with something in their last derivatives, and the law, written out.
+/// Two coupled chains of n integrators with disturbances in their last derivatives, and the controller, written out.
 struct Hand {
     n: usize,
-    /// Of the last derivatives: from the states (output by output), and from the controls.
+    /// Last derivatives by the states (output by output), and by the controls.
     A: Vec<Vec<f64>>,
     B: [[f64; 2]; 2],
     B_0: [[f64; 2]; 2],
@@ -207,7 +207,7 @@ fn the_published_step_responses_come_out() {
     }
 }
 
-/// A loop with a controller of this text; all that the law takes is connected.
+/// A loop with a controller of this text; all of its inputs are connected.
 fn closed([reference, plant]: [&str; 2], controller: &str, m: usize) -> Closed {
     let closed = Closed::new().part("reference", reference, "").part("plant", plant, "");
     let mut closed = closed.described("controller", controller, "");

@@ -1,5 +1,5 @@
-//! L1 controllers whose control is limited: they follow again as soon as the limits let them, and tell how long the control
-//! has stood there.
+//! L1 controllers whose control is limited: they follow again as soon as the limits allow it, and report how long the
+//! control has been at them.
 
 #![allow(non_snake_case)] // matrices have the names of the field
 
@@ -81,7 +81,7 @@ fn judged(name: &str, limit: f64, tracking_time: f64, from: f64, until: f64) -> 
 
 #[test]
 fn the_robot_tracks_within_limits_far_below_what_it_asks_for_at_its_start() {
-    // Found by a simulation of these equations that shares nothing with this one; without limits .02533, .02278.
+    // From an independent simulation of these equations; without limits 0.02533, 0.02278.
     for (limit, expected) in
         [(60.0, [0.02528, 0.02283]), (40.0, [0.02519, 0.02279]), (30.0, [0.02527, 0.02275]), (22.0, [0.02549, 0.02263])]
     {
@@ -163,7 +163,7 @@ fn a_motor_comes_to_its_speed_without_running_past_it() {
     }
 }
 
-/// A law with limits, its plant and its reference as one unit.
+/// A controller with limits, its plant and its reference as a single FMU.
 fn limited_loop(law: &Law) -> Run {
     let reference = "model = 'reference'\n[structure]\nchannels = 1\n[start]\noffset = [0.6]\nsine_amplitude = [0.4]\n\
                      sine_frequency = [3.0]";
@@ -281,7 +281,7 @@ fn a_time_that_is_none_is_refused_and_can_be_tuned() {
     unit.run(0.01, 10, 1e-3);
 }
 
-/// A controller whose state is held at zero: its control goes to the limit to which its reference points.
+/// A controller whose state is kept at zero: its control goes to the limit in the direction of its reference.
 fn held() -> String {
     format!("{}\nu_min = [-1.0]\nu_max = [3.0]", description("L1ActuatedSiso"))
 }
@@ -310,7 +310,7 @@ fn the_time_at_a_limit_is_told_as_long_as_the_control_stands_there() {
         }
     }
     assert!(longest > 0.25 && unit.get("u[1]") == 3.0 && unit.get("time_at_limit") > 0.09);
-    // The desired dynamics have the poles −21 ± .743 j: 4/21 s.
+    // The desired dynamics have the poles −21 ± 0.743 j: 4/21 s.
     let told: Vec<_> = unit.messages().into_iter().filter(|(_, category, _)| category == "logLimit").collect();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(["u[1]", "u_max[1]", "0.191 s"].iter().all(|word| told[0].2.contains(word)), "{told:?}");

@@ -113,8 +113,8 @@ fn energy_changes_by_the_power_of_forces_and_damping() {
     }
 }
 
-/// What Coriolis forces do, which do no work: momentum and angular momentum about a fixed point, in earth axes, change
-/// by the forces alone.
+/// Coriolis forces do no work: only the other forces change momentum and angular momentum about a fixed point, in earth
+/// axes.
 #[test]
 fn without_drag_momentum_changes_by_the_forces_alone() {
     let (mut random, vehicle) = (Random::new(3), Vehicle::new(WITHOUT_DRAG));
@@ -138,8 +138,8 @@ fn without_drag_momentum_changes_by_the_forces_alone() {
     }
 }
 
-/// Who drifts with the water sees no current: velocities beside the water change as they do in water at rest, positions by
-/// the current besides.
+/// A current is not felt by a vehicle that drifts with it: velocities relative to the water change as in water at rest,
+/// positions also by the current.
 #[test]
 fn in_water_that_moves_evenly_it_moves_as_in_water_at_rest() {
     let (mut random, still) = (Random::new(4), Vehicle::new(&[]));
@@ -184,7 +184,7 @@ fn integral(f: impl Fn(f64) -> f64) -> f64 {
     (0..=n).map(|k| weight(k) * f(f64::from(k) / f64::from(n))).sum::<f64>() / f64::from(3 * n)
 }
 
-/// By the integrals of potential theory, with a² + λ = a²/w²:
+/// Integrals of potential theory, with a² + λ = a²/w²:
 /// α = a b² ∫ dλ / ((a² + λ)^(3/2) (b² + λ)), β = a b² ∫ dλ / ((a² + λ)^(1/2) (b² + λ)²), λ from 0 to ∞.
 #[test]
 fn added_mass_is_that_of_a_spheroid_in_a_perfect_fluid() {

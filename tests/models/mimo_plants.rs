@@ -1,10 +1,10 @@
-//! What is known beforehand of the plants with several inputs: rest, linear parts, small swings, limit cycles.
+//! Known properties of the plants with several inputs: rest, linear parts, small swings, limit cycles.
 
 use common::random::Random;
 use common::{ERROR, OK, Unit};
 use nalgebra::{DMatrix, dmatrix};
 
-/// For model exchange, with these parameters.
+/// An FMU for model exchange, with these parameters.
 fn begun(name: &str, parameters: &[(&str, f64)]) -> Unit {
     let unit = Unit::exchange(name);
     parameters.iter().for_each(|&(name, value)| unit.put(name, value));
@@ -12,7 +12,7 @@ fn begun(name: &str, parameters: &[(&str, f64)]) -> Unit {
     unit
 }
 
-/// For co-simulation, with these parameters and a small tolerance.
+/// An FMU for co-simulation, with these parameters and a small tolerance.
 fn simulated(name: &str, parameters: &[(&str, f64)]) -> Unit {
     let unit = Unit::new(name);
     unit.put("relative_tolerance", 1e-10);
@@ -27,7 +27,7 @@ fn rates(unit: &Unit, states: &[f64], inputs: &[f64]) -> Vec<f64> {
     unit.derivatives()
 }
 
-/// How the first rates change with the first states, and with the inputs: central differences at rest.
+/// Slopes of the first rates by the first states, and by the inputs: central differences at rest.
 fn linearised(unit: &Unit, states: usize, inputs: usize) -> (DMatrix<f64>, DMatrix<f64>) {
     let (h, rest) = (1e-6, unit.states());
     let column = |state: usize, input: usize| {

@@ -21,7 +21,7 @@ fn get(unit: &Unit, name: &str) -> [f64; 3] {
     [1, 2, 3].map(|i| unit.get(&format!("{name}[{i}]")))
 }
 
-/// In model exchange, at the start of example 6.5.1.
+/// The FMU for model exchange, at the start of example 6.5.1.
 fn exchange(start: &str) -> Unit {
     let unit = Unit::exchange_from_text(&text(start));
     unit.enter(0.0);
@@ -181,7 +181,7 @@ fn the_sampled_control_is_held_until_the_next_step() {
     assert_eq!(unit.step(0.0, 1e-3), OK);
     let second = get(&unit, "u");
     assert!(first != second);
-    // The law is there at steps at which the continuous one, whose error decays at 2.4e7 1/s, is lost.
+    // The controller works at steps at which the continuous one, whose error decays at 2.4e7 1/s, is unstable.
     assert!(second.iter().all(|u| u.abs() < 400.0), "{second:?}");
     let continuous = stepped("law = 'continuous'", X);
     assert_eq!(continuous.step(0.0, 1e-6), OK, "{:?}", continuous.messages());

@@ -1,4 +1,4 @@
-//! The estimates of the robust MRAC are bounded: projection and leakage in both forms of the law, and what noise does to them.
+//! The estimates of the robust MRAC are bounded: projection and leakage in both of its forms, and effects of noise.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use std::f64::consts::TAU;
@@ -84,7 +84,7 @@ fn normal(random: &mut Random) -> f64 {
     (-2.0 * (a + 1e-300).ln()).sqrt() * (TAU * b).cos()
 }
 
-/// The plant after a step with its control held, by the method of Runge and Kutta.
+/// The plant after a step with a constant control, by the method of Runge and Kutta.
 fn plant(x: [f64; 2], u: [f64; 2]) -> [f64; 2] {
     let rate = |x: [f64; 2]| [0, 1].map(|i| A[i][0] * x[0] + A[i][1] * x[1] + B[i] * u[i]);
     let by = |k: [f64; 2], h: f64| [0, 1].map(|i| x[i] + h * k[i]);
@@ -175,7 +175,7 @@ impl Loop {
     }
 }
 
-/// What the equation for ε has.
+/// Terms of the equation for ε.
 struct Ahead {
     rho: f64,
     rho_rate: f64,
@@ -282,7 +282,7 @@ fn what_check_tells_of_noise_is_what_it_does() {
     };
     let leaky = told("theta_leakage = [0.05, 0.1, 0.05]", "bias of theta_hat by noise");
     assert!((leaky[0] * 0.01 - 0.2507).abs() < 1e-4 && (leaky[1] / leaky[0] - 0.5).abs() < 1e-12, "{leaky:?}");
-    // In the loop that is 0.26; without leakage the estimates come to 2.1 in 80 s, as in the test above.
+    // In the loop that is 0.26; without leakage the estimates reach 2.1 in 80 s, as in the test above.
     let rate = BANDWIDTH;
     let loop_like = format!(
         "name = 'Test'\nmodel = 'mrac-ppf'\ndescription = ''\n[experiment]\nstop_time = 1.0\nstep = 1e-3\n[structure]\nA = {A:?}\n\

@@ -27,7 +27,7 @@ fn unit(start: &str) -> Run {
     read(&table.to_string()).unwrap()
 }
 
-/// The loop of example 3.4.1 as one unit, but for its controller.
+/// The loop of example 3.4.1 as a single FMU, except for its controller.
 fn whole(start: &str, of_plant: &str) -> Run {
     whole_of(start, of_plant).started(1e-8)
 }
@@ -38,7 +38,7 @@ fn whole_of(start: &str, of_plant: &str) -> Closed {
     closed.connected("plant.x", "controller.x", 3).connected("controller.u", "plant.u", 2)
 }
 
-/// What a loop comes to: by channel, largest e/ρ, largest |e| and rms e over the whole run; largest |u|.
+/// Results of a loop: by channel, largest e/ρ, largest |e| and rms e over the whole run; largest |u|.
 #[derive(Debug, Default)]
 struct Found {
     part: [f64; 3],
@@ -47,7 +47,7 @@ struct Found {
     u: [f64; 2],
     /// Least 1 + θ̂_23/A_23.
     turned: f64,
-    /// How often it was looked at.
+    /// Number of evaluations.
     count: f64,
 }
 
@@ -71,7 +71,7 @@ impl Found {
     }
 }
 
-/// Runs the loop as one unit.
+/// Runs the loop as a single FMU.
 fn of_whole(start: &str, step: f64) -> Found {
     let (mut run, mut found) = (whole(start, ""), Found { turned: 1.0, ..Found::default() });
     let error = |run: &Run| std::array::from_fn(|i| run.get(&format!("controller.e[{}]", i + 1)));
@@ -87,7 +87,7 @@ fn hand_on(from: &Run, output: &str, to: &mut Run, input: &str, count: usize) {
     (1..=count).for_each(|i| to.set(&format!("{input}[{i}]"), from.get(&format!("{output}[{i}]"))));
 }
 
-/// In which order units are stepped.
+/// Order in which FMUs are stepped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Order {
     PlantFirst,
@@ -149,8 +149,8 @@ fn without_adaptation_of_the_unmatched_row_its_error_grows() {
     near("largest e_2/rho_2", of_whole("gamma = [1.0, 0.0, 1.0]", 0.01).part[1], 0.64, 0.01);
 }
 
-/// The step of the reference at 15 s, 1.5 in the rate of x_m1, gets to the model a communication step before the plant answers
-/// it: at 5 ms that is what e_1 comes to.
+/// The step of the reference at 15 s, 1.5 in the rate of x_m1, reaches the model a communication step before the plant
+/// answers it: at 5 ms, e_1 has that size.
 #[test]
 fn in_separate_units_it_stays_in_its_funnels() {
     for (order, step, known) in [
@@ -166,7 +166,7 @@ fn in_separate_units_it_stays_in_its_funnels() {
     }
 }
 
-/// 1/s = 9.0 ms where all are stepped at once, 2/s = 18 ms where the plant is stepped first.
+/// 1/s = 9.0 ms if all are stepped simultaneously, 2/s = 18 ms if the plant is stepped first.
 #[test]
 fn the_longest_steps_are_those_that_s_tells() {
     for (order, held, lost) in [(Order::AtOnce, 8e-3, 10e-3), (Order::PlantFirst, 17e-3, 20e-3)] {

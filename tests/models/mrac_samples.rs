@@ -26,7 +26,7 @@ fn inputs(random: &mut Random) -> Inputs {
     std::array::from_fn(|i| if i < 3 { 1.0 + 0.1 * random.next() } else { 0.3 + 0.2 * random.next() })
 }
 
-/// With a wide funnel and any moves of the control: here nothing follows anything.
+/// A controller with a wide funnel and any moves of the control: here nothing follows anything.
 fn started(start: &str, t: f64) -> Unit {
     let unit = Unit::from_text(&text(start));
     (1..=3).for_each(|i| unit.put(&format!("rho_inf[{i}]"), 1.9));
@@ -50,7 +50,7 @@ fn left(unit: &Unit) -> Vec<u64> {
     all
 }
 
-/// One step from sample to sample.
+/// Steps from sample to sample.
 fn uncut(unit: &Unit, samples: &[Inputs]) -> Vec<Vec<u64>> {
     let step = |(k, inputs): (usize, &Inputs)| {
         set(unit, *inputs);

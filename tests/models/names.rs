@@ -1,4 +1,4 @@
-//! Names of a user's own: everything that is said of a variable is said with them.
+//! Names of the user: all texts about a variable use them.
 
 use adaptive_fmu::fmi2::model_description;
 use common::described::{model, refused};
@@ -39,7 +39,7 @@ fn a_unit_has_its_users_names_in_place_of_its_own() {
     assert_eq!((element.description().as_ref(), element.unit()), ("rate of the speed", "1/s"));
 }
 
-/// Keys are the names that a model gives, whatever other keys of the table say.
+/// Keys are the names that a model gives, whatever the other keys of the table are.
 #[test]
 fn names_can_be_exchanged() {
     let own = model(&description("L1NonlinearSiso")).unwrap();
@@ -96,7 +96,7 @@ fn start_values_go_by_either_name() {
 #[test]
 fn what_a_unit_refuses_and_warns_of_is_told_in_its_users_words() {
     let text = controller(NAMES);
-    // Found by limits of single values, and by the law itself.
+    // Limits of single values find it, and the controller itself.
     refused(&text.replace("adaptation_gain = 1e5", "Gamma = -1.0"), &["Gamma = -1"]);
     refused(&text.replace("omega_min = [0.5]", "omega_min = [4.0]"), &["omega_min[1,1] = 4", "largest_gain = 3"]);
     let unit = Unit::from_text(&text);

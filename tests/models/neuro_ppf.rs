@@ -1,5 +1,5 @@
-//! Neuro-adaptive control with prescribed performance: the law against formulas written another way, and what happens
-//! at the funnel's bounds.
+//! Neuro-adaptive control with prescribed performance: formulas in another form, and behaviour at the bounds of the
+//! funnel.
 
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
@@ -15,7 +15,7 @@ use num_dual::{Dual2_64, DualNum, second_derivative};
 const ROBOT: &str = "NeuroPpfTwoLinkRobot";
 const COUPLED: &str = "NeuroPpfCoupledMimo";
 
-/// Of two neurons whose weights are given.
+/// A controller of two neurons with given weights.
 fn small(degree: usize, m: usize, input_gain_network: bool) -> String {
     let row = |j: usize| (0..degree * m).map(|k| weight(j, k)).collect::<Vec<_>>();
     format!(
@@ -50,7 +50,7 @@ struct Expected {
 
 const TIME: f64 = 0.3;
 
-/// The law at a point: E and V as derivatives of ε by time with the plant's own part left out, and the inverse of F_G.
+/// The control at a point: E and V as derivatives of ε by time without the plant's own part, and the inverse of F_G.
 fn by_hand(degree: usize, m: usize, network: bool, run: &Run) -> Expected {
     let all = |name: &str, len: usize| (1..=len).map(|i| run.get(&format!("{name}[{i}]"))).collect::<Vec<_>>();
     let (x, r) = (all("x", degree * m), all("r", m));
@@ -97,7 +97,7 @@ fn by_hand(degree: usize, m: usize, network: bool, run: &Run) -> Expected {
     Expected { nu_b, nu_a, u, RE, Z }
 }
 
-/// With pseudo-random inputs and weights, where the error is inside the funnel.
+/// A run with pseudo-random inputs and weights, with the error inside the funnel.
 fn at_a_point(degree: usize, m: usize, network: bool) -> Run {
     let description = Description::read(&small(degree, m, network)).unwrap();
     let mut run = Run(Execution::new(Model::from_description(description, REGISTRY).unwrap()));

@@ -74,7 +74,7 @@ fn a_loop_that_is_not_stable_is_not_sound() {
     assert_eq!((told.verdict(), told.summary.as_deref()), (Verdict::NotSound, Some("the loop isn't stable")));
 }
 
-/// A control that moves to one side isn't at its other limit by rounding; one that needs more is told which step fits.
+/// Rounding puts no control at the limit it moves away from. A message names the step that fits within limits.
 #[test]
 fn limits_on_one_side_are_limits() {
     let gains = "K_p = [3.0]\nK_i = [3.0]\nu_min = [0.0]";
@@ -100,7 +100,7 @@ fn each_control_is_that_of_its_reference() {
     assert!((one - 1.0).abs() < 1e-9 && (other - 100.0).abs() < 1e-6, "{one}, {other}");
 }
 
-/// Whoever changes the plant of a law in one place is told of the other.
+/// A change of a controller's plant in one place gives a message on the other.
 #[test]
 fn a_structure_with_another_plant_is_said() {
     let law = |A: &str| {

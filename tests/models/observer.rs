@@ -9,7 +9,7 @@ const STATES: [f64; 4] = [0.5, -0.25, 2.0, 0.5];
 /// 1 + 81/256 + 5/16 · 81/256 + 2 · 0.5
 const BETA_L: f64 = 2.415283203125;
 
-/// Of example 7.5.1, there.
+/// The observer of example 7.5.1, in its state.
 fn siso(parameters: &[(&str, f64)]) -> Unit {
     let unit = Unit::exchange("ObserverActuatedSiso");
     parameters.iter().for_each(|&(name, value)| unit.put(name, value));
@@ -77,7 +77,7 @@ fn the_states_start_at_their_parameters() {
 
 #[test]
 fn a_plant_at_rest_is_found_from_its_output() {
-    // Of the double integrator at (1, 0), y = x1 + x2 says 1.
+    // For the double integrator at (1, 0), y = x1 + x2 is 1.
     let unit = Unit::started("ObserverActuatedSiso");
     unit.put("y[1]", 1.0);
     unit.run(0.0, 3000, 0.01);
@@ -141,7 +141,7 @@ fn what_is_no_observer_is_refused_when_its_description_is_read() {
     };
     refused(&(gain.clone() + "observer_pole_real = [-1.0, -1.0]"), &["observer_pole_real", "no such parameter"]);
     refused(&changed(&poles, "-50.0, -50.0]", "5.0, 5.0]"), &["pole 3 = 5 + 0.5j", "negative real part"]);
-    // The rates alone don't tell where the joints are.
+    // The rates by themselves don't determine the joint angles.
     let rates = "C = [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]";
     let measured = poles.lines().find(|line| line.starts_with("C = ")).unwrap();
     refused(&changed(&poles, measured, rates), &["A, C", "observable"]);

@@ -47,7 +47,7 @@ fn every_kind_of_every_size_makes_a_unit_as_it_is_written() {
     }
 }
 
-/// The number of states alone, up to the largest: as many inputs follow as a design in double precision needs.
+/// Only the number of states, up to the largest: as many inputs follow as a design in double precision needs.
 #[test]
 fn as_many_states_make_a_unit_as_a_user_may_ask_for() {
     for kind in ["l1", "observer", "state-space"] {
@@ -135,7 +135,7 @@ fn a_design_for_a_plant_has_that_plant_in_its_description() {
         let refused = nominal(&Request { uncertainty: Some(0.2), ..request(kind, None, None) }).unwrap_err();
         assert_eq!(refused, "--uncertainty = 0.2: needs a nominal plant: give --plant");
     }
-    // Laws for uncertain plants assume 20 % where nobody says it.
+    // Controllers for uncertain plants assume 20 % by default.
     for kind in ["l1", "l1-limit", "l1-sampled", "fuzzy-l1"] {
         let asked = Request { plant: Some(Plant::parse(MOTOR).unwrap()), ..request(kind, None, None) };
         assert_eq!(nominal(&asked).unwrap().unwrap().uncertainty, Uncertainty::Part(0.2), "{kind}");
@@ -152,7 +152,7 @@ fn a_design_for_a_plant_has_that_plant_in_its_description() {
     );
 }
 
-/// What MATLAB's jsonencode writes: a row or a column as a plain list, a number without brackets.
+/// Output of MATLAB's jsonencode: a row or a column is a plain list, a number has no brackets.
 #[test]
 fn the_shapes_of_other_tools_are_read_without_doubt() {
     let matrices = |json: &str| {

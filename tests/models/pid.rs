@@ -1,4 +1,4 @@
-//! What a PID controller does.
+//! Behaviour of PID controllers.
 #![allow(non_snake_case)] // gains have the names of the field
 
 mod design;
@@ -157,7 +157,7 @@ fn a_step_without_limits_is_answered_as_the_linear_loop_does() {
 
 #[test]
 fn at_a_limit_the_integral_goes_to_where_back_calculation_has_it() {
-    // K_p e is beyond the limit by 3, and K_i e T_t = 2 · 5 · .5 more is asked for at rest.
+    // K_p e is beyond the limit by 3, and K_i e T_t = 2 · 5 · 0.5 is added at rest.
     let mut run = Run::of(&alone(1, "K_p = [1.0]\nK_i = [2.0]\ntracking_time = [0.5]\nu_max = [2.0]"));
     run.set("r[1]", 5.0).start();
     for k in 1..=20 {
@@ -178,14 +178,14 @@ fn at_the_limits_of_coupled_controls_each_channel_rests_where_its_own_share_has_
     let mut run = Run::of(&alone(2, start));
     run.set("r[1]", 4.0).set("r[2]", 8.0).start().step(5.0);
     assert_eq!([run.get("u[1]"), run.get("u[2]")], [1.0, 1.0]);
-    // S⁻¹ (1, 1) = (.5, 2.3)/2.15, as the determinant is 2.15.
+    // S⁻¹ (1, 1) = (0.5, 2.3)/2.15, as the determinant is 2.15.
     for (name, share, asked) in [("v[1]", 0.5, 2.0 * 4.0 * 0.2), ("v[2]", 2.3, 8.0 * 0.1)] {
         assert!((run.get(name) - share / 2.15 - asked).abs() < 1e-8, "{name}: {}", run.get(name));
     }
 }
 
-/// y of 1/s² under PID control within ±limit after a step of the reference, every .1 s for 12 s: equations written out, by
-/// the classical Runge–Kutta method.
+/// y of 1/s² under PID control within ±limit after a step of the reference, every 0.1 s for 12 s: equations written
+/// out, by the classical Runge–Kutta method.
 fn by_hand([K_p, K_i, K_d, N]: [f64; 4], limit: f64, tracking_rate: f64) -> Vec<f64> {
     const STEPS: usize = 2000;
     let rate = |[x1, x2, I, w]: [f64; 4]| {

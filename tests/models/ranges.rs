@@ -1,4 +1,4 @@
-//! What descriptions say of the range of a value: as far as tools can know it, they know it.
+//! Ranges of values in descriptions, which show tools as much as can be known.
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::fmi2::model_description;
@@ -8,7 +8,7 @@ use common::described::model;
 use common::loops::{loop_names, whole};
 use common::{description, description_names};
 
-/// All units, and whole loops, whose variables are those of their parts.
+/// All FMUs, and composites, whose variables are those of their parts.
 fn models() -> Vec<Model> {
     let texts = description_names().into_iter().map(|name| description(&name));
     texts.chain(loop_names().iter().take(3).map(|name| whole(name))).map(|text| model(&text).unwrap()).collect()

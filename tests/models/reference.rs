@@ -167,7 +167,7 @@ fn the_phase_of_a_square_wave_shifts_its_edges() {
     // A quarter period early: the first edge at 1 s instead of 2 s.
     let unit = started("square_amplitude = [1.0]\nsquare_frequency = [0.25]\nsquare_phase = [1.5707963267948966]", 0.0);
     let signs: Vec<f64> = trace(&unit, 0.0, 0.75, 8).iter().map(|[r, ..]| *r).collect();
-    // t = .75 | 1.5 2.25 | 3 … : edges at 1, 3, 5.
+    // t = 0.75 | 1.5 2.25 | 3 … : edges at 1, 3, 5.
     assert_eq!(signs, [1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, -1.0]);
 }
 

@@ -24,11 +24,11 @@ fn started(start: &str, u: f64) -> Unit {
     unit
 }
 
-/// Every effect at once, in two channels.
+/// All effects simultaneously, in two channels.
 const ALL: &str = "time_constant = [0.02, 0.01]\ndelay = [0.007, 0.0]\nbias = [0.1, -0.2]\nseed = 7\n\
                    noise_deviation = [0.05, 0.02]\nresolution = [0.001, 0.0]";
 
-/// What a sensor of noise alone gives at each of `count` samples of 1 ms.
+/// Output of a sensor with only noise at each of `count` samples of 1 ms.
 fn noise(channels: usize, seed: i32, count: usize) -> Vec<Vec<f64>> {
     let deviations = vec!["1.0"; channels].join(", ");
     let unit = sensor(channels, &format!("noise_deviation = [{deviations}]\nseed = {seed}"));
@@ -347,7 +347,7 @@ fn a_resolution_finer_than_a_number_changes_nothing() {
 
 #[test]
 fn bias_and_noise_are_quantised_with_the_signal() {
-    // 0.06 + 0.05 is nearest to 0.1, 0.06 alone too; 0.03 + 0.05 is, 0.03 alone is not.
+    // 0.06 + 0.05 is nearest to 0.1, as is 0.06; 0.03 + 0.05 is, but 0.03 is not.
     let unit = started("resolution = [0.1]\nbias = [0.05]", 0.03);
     assert_eq!(unit.get("y[1]"), 0.1);
     let unit = started("resolution = [0.1]\nnoise_deviation = [1.0]", 0.0);

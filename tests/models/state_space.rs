@@ -1,4 +1,4 @@
-//! The linear plant: what its matrices say, within limits, about an operating point.
+//! The linear plant of given matrices, within limits, about an operating point.
 
 use common::described::refused;
 use common::{OK, Unit};

@@ -1,4 +1,4 @@
-//! A controller tells where the communication step is too long for its loop: its control moves too far in one.
+//! A controller reports that the communication step is too long for its loop: its control moves too far in one.
 
 use common::{OK, Unit, description};
 
@@ -42,7 +42,7 @@ fn flagged(controller: &Unit, nonaffine: bool, step: f64, steps: usize) -> (bool
 
 #[test]
 fn a_loop_whose_control_is_off_by_a_quarter_is_flagged_and_one_that_is_right_is_not() {
-    // Against the loops as one unit: largest control 23 % and 1 % off.
+    // Deviations from the loops as a single FMU: largest control 23 % and 1 %.
     let (ever, told) = flagged(&Unit::new("L1CoupledMimo"), true, 1e-3, 100);
     assert!(
         ever && told.len() == 1 && told[0].contains("1.000e-3 s") && told[0].contains("largest magnitude"),

@@ -13,7 +13,7 @@ fn robot(start: &str) -> Run {
     started(run)
 }
 
-/// On its trajectory, held there by hand.
+/// Starts on its trajectory, in manual mode.
 fn started(mut run: Run) -> Run {
     for (name, value) in [("x[1]", 0.5), ("x[4]", -0.39), ("r[1]", 0.5), ("u_manual[1]", 15.0), ("u_manual[2]", -3.0)] {
         run.set(name, value);
@@ -25,7 +25,7 @@ fn started(mut run: Run) -> Run {
 #[test]
 fn a_bumpless_start_begins_at_the_manual_control() {
     let zero = robot("");
-    // −K_m x alone: (300² + 5²) · 0.5
+    // Only −K_m x: (300² + 5²) · 0.5
     assert!((zero.get("u[1]") + 45012.5).abs() < 1e-6, "{}", zero.get("u[1]"));
     let bumpless = robot("u_ad_start = 'bumpless'");
     assert!((bumpless.get("u[1]") - 15.0).abs() < 1e-9 && (bumpless.get("u[2]") + 3.0).abs() < 1e-9);
@@ -85,7 +85,7 @@ fn a_controller_that_is_switched_off_hands_over_to_the_manual_control() {
     assert_eq!(unit.get("u[2]"), 7.0);
 }
 
-/// In Continuous-Time Mode, a step of the master's integrator after the start.
+/// A run in Continuous-Time Mode, a step of the master's integrator after the start.
 fn exchanged() -> Unit {
     let unit = Unit::exchange("L1TwoLinkRobot");
     unit.begin();

@@ -228,7 +228,7 @@ fn scaled(scale: &str, regressor: &str) -> String {
     text.to_string()
 }
 
-/// How an estimate begins to move, and what it adds to the control's estimate, goes by x/state_scale.
+/// The first motion of an estimate, and its part of the control's estimate, depend on x/state_scale.
 #[test]
 fn theta_multiplies_states_in_parts_of_their_magnitudes() {
     let moved = |text: &str| {

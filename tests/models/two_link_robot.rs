@@ -65,7 +65,7 @@ fn energy(x: Vector4<f64>) -> f64 {
     0.5 * (kinetic + i1 * a_rate * a_rate + i2 * b_rate * b_rate) + G * (m1 * centres[0].y + m2 * centres[1].y)
 }
 
-/// How fast the energy changes where the state changes at this rate: a central difference of order 4.
+/// Rate of the energy if the state changes at this rate: a central difference of order 4.
 fn power(x: Vector4<f64>, rate: Vector4<f64>) -> f64 {
     let central = |h: f64| (energy(x + rate * h) - energy(x - rate * h)) / (2.0 * h);
     (4.0 * central(1e-4) - central(2e-4)) / 3.0
@@ -151,7 +151,7 @@ fn a_hanging_arm_at_rest_stays() {
     }
 }
 
-/// Without a second link the first is a physical pendulum, whose frequency for small swings is known.
+/// Without a second link the first is a physical pendulum with a known frequency for small swings.
 #[test]
 fn with_nothing_at_its_end_the_first_link_is_a_pendulum() {
     let swing = 1e-3;
@@ -208,7 +208,7 @@ fn varying(kind: i32) -> Unit {
     Unit::made(REGISTRY, &text, kind)
 }
 
-/// When the determinant of the hanging arm's inertia matrix becomes zero: bisection between 53 s and 54 s.
+/// Time at which the determinant of the hanging arm's inertia matrix becomes zero: bisection between 53 s and 54 s.
 fn singular_time() -> f64 {
     let robot = Robot::new(&[]);
     let constant = robot.inertia(Vector2::new(-std::f64::consts::FRAC_PI_2, 0.0));
@@ -239,7 +239,7 @@ fn a_step_into_a_singular_inertia_matrix_is_an_error_that_tells_when() {
     assert_eq!(unit.values(), before, "as before the step");
 }
 
-/// That a message says which determinant is negative and what is allowed, at this time.
+/// Asserts that a message names the negative determinant, the allowed values, and this time.
 fn assert_tells_of(message: &str, part: &str, time: f64) {
     assert!(message.contains(&format!(": {part}det_M = -")) && message.contains("must be above 0"), "{message}");
     let told = message.rsplit("t = ").next().and_then(|rest| rest.split(' ').next()).unwrap().parse::<f64>().unwrap();

@@ -26,7 +26,7 @@ fn unit(name: &str, start: &str) -> Run {
         text = text.replace("[0.0, 1.0, 0.0]]\nunmatched", "[0.0, 1.0, 0.5]]\nunmatched");
         assert!(text.contains("0.5]]"));
     }
-    // Its own bounds leave the start of omega_hat hardly any room beside the layer in which projection acts.
+    // Its own bounds leave the start of omega_hat hardly any room outside the layer in which projection acts.
     text =
         text.replace("omega_max = [20.0, 20.0, 20.0, 20.0, 20.0, 20.0]", "omega_max = [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]");
     let model = Model::from_description(Description::read(&format!("{text}\n{start}")).unwrap(), REGISTRY).unwrap();
@@ -46,7 +46,7 @@ fn hand_on(from: &Run, output: &str, to: &mut Run, input: &str) {
     }
 }
 
-/// What the loop's states, control and estimates come to.
+/// Final states, control and estimates of the loop.
 fn outcome((controller, plant): (&str, &str), start: &str, steps: usize, step: f64) -> Vec<f64> {
     let (mut controller, mut plant) = (unit(controller, start), unit(plant, ""));
     for k in 0..steps {

@@ -1,4 +1,4 @@
-//! The part that is held out: what it can show, and what is said where it can't.
+//! The held-out part: its results, and the message if it can't have any.
 
 mod support;
 
@@ -72,7 +72,7 @@ fn a_model_that_explains_nothing_is_not_sound() {
             assert_eq!(text(&found, Kind::HeldOutStill), "");
         }
     }
-    // Noise alone.
+    // Only noise.
     let mut random = Random(64);
     let x = vec![(0..ROWS).map(|_| random.normal()).collect()];
     let noise = Columns { time: times(ROWS, STEP), u: vec![levels(64)], x }.record();

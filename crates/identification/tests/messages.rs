@@ -1,4 +1,4 @@
-//! Each fault of a record alone gives its message, and no other.
+//! Each fault of a record gives its own message, and no other.
 
 mod support;
 
@@ -255,7 +255,7 @@ fn an_input_that_acts_later_is_a_warning_with_the_delay() {
 
 #[test]
 fn an_entry_that_is_not_excited_is_not_sound() {
-    // The second state moves by noise alone: what it does can't be seen.
+    // Only noise moves the second state, so its effect can't be seen.
     let plant = Plant::new(2, 1, &[-1.0, 0.5, 0.0, -1.5], &[1.0, 0.0], &[0.0, 0.0]);
     let mut random = Random(14);
     let mut columns = columns_of(&plant, 14, vec![random.levels(ROWS, 40)]);

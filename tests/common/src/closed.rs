@@ -1,4 +1,4 @@
-//! Loops of this package's descriptions as one unit, whatever controller they have.
+//! Loops of this package's descriptions as a single FMU, with any controller.
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::library::REGISTRY;
@@ -8,7 +8,7 @@ use toml::{Table, Value};
 use crate::description;
 use crate::models::Run;
 
-/// What a loop is made of.
+/// Parts of a loop.
 #[derive(Debug, Clone, Default)]
 pub struct Closed {
     parts: Vec<Value>,
@@ -21,12 +21,12 @@ impl Closed {
         Self::default()
     }
 
-    /// With a part of a description of this package, and further lines of its `[start]`.
+    /// Adds a part with a description of this package, and further lines of its `[start]`.
     pub fn part(self, name: &str, of: &str, start: &str) -> Self {
         self.described(name, &description(of), start)
     }
 
-    /// With a part of a description's text.
+    /// Adds a part with the text of a description.
     pub fn described(mut self, name: &str, text: &str, start: &str) -> Self {
         let given: Table = text.parse().unwrap();
         let mut part = Table::new();
@@ -41,7 +41,7 @@ impl Closed {
         self
     }
 
-    /// With connections of so many elements.
+    /// Adds connections of so many elements.
     pub fn connected(mut self, from: &str, to: &str, count: usize) -> Self {
         for i in 1..=count {
             self.connections.push(vec![format!("{from}[{i}]"), format!("{to}[{i}]")].into());
@@ -49,7 +49,7 @@ impl Closed {
         self
     }
 
-    /// With a connection of its own.
+    /// Adds a connection.
     pub fn joined(mut self, from: &str, to: &str) -> Self {
         self.connections.push(vec![from.to_owned(), to.to_owned()].into());
         self
@@ -76,7 +76,7 @@ impl Closed {
     }
 }
 
-/// What a signal came to: its rms from a time on, and its largest magnitude from then on and at all.
+/// Metrics of a signal: its rms from a time on, its largest magnitude from then on, and that of the whole run.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Metric {
     pub rms: f64,

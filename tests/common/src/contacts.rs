@@ -5,17 +5,17 @@ use adaptive_fmu::system::*;
 /// Gravity, m/s².
 pub const GRAVITY: f64 = 9.81;
 
-/// How the event of a ball on a floor is written.
+/// Forms of the event of a ball on a floor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(i32)]
 pub enum Bounce {
     /// The speed is reversed whenever the height changes sides.
     Always,
-    /// It is reversed where it points downward.
+    /// Reverses the speed if it points downward.
     Falling,
-    /// It points upward afterwards, whatever it was.
+    /// Makes the speed point upward.
     Upward,
-    /// It is reversed, and the height is put to the floor's.
+    /// Reverses the speed, and sets the height to that of the floor.
     Placed,
 }
 
@@ -90,7 +90,7 @@ pub fn exact_naive_ball(t: f64, restitution: f64) -> (f64, f64, f64) {
     (bounces, last, speed * flown - 0.5 * GRAVITY * flown * flown)
 }
 
-/// When the bounces of that ball have ended.
+/// Time at which the bounces of that ball have ended.
 pub fn end_of_bounces(restitution: f64) -> f64 {
     (2.0 / GRAVITY).sqrt() * (1.0 + restitution) / (1.0 - restitution)
 }

@@ -24,7 +24,7 @@ pub fn open_description(name: &str) -> String {
     table.to_string()
 }
 
-/// Those of some start values for tests that a unit has, a number a vector spread over its elements.
+/// The start values for tests that an FMU has. A vector gets a number for each element.
 pub fn tried(variables: &Variables, lines: &str) -> toml::Table {
     let spread = |(key, value): (String, toml::Value)| {
         if variables.find(&key).is_some() {

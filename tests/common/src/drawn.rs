@@ -10,7 +10,7 @@ use super::random::Random;
 use super::{OK, Unit};
 
 impl Random {
-    /// In [0, 1].
+    /// A number in [0, 1].
     pub fn part(&mut self) -> f64 {
         0.5 * (self.next() + 1.0)
     }
@@ -35,15 +35,15 @@ impl Unit {
         visible.filter(|element| element.variable.causality == Causality::Input).collect()
     }
 
-    /// How long a step is worth a look, s: from a hundredth of the unit's own communication step to thirty times it, and for
-    /// one without inputs to a quarter of its experiment.
+    /// Useful lengths of a step, s: from a hundredth of the FMU's own communication step to thirty times it, or without
+    /// inputs to a quarter of its experiment.
     pub fn lengths(&self) -> (f64, f64) {
         let experiment = &self.model.description().experiment;
         let longest = if self.inputs().is_empty() { 0.25 * experiment.stop_time } else { 30.0 * experiment.step };
         (0.01 * experiment.step, longest)
     }
 
-    /// Sets random inputs for a step, large or small, held or moving within their limits; the rates of the real ones.
+    /// Sets random inputs, large or small, constant or moving within their limits; returns the rates of real ones.
     pub fn draw_inputs(&self, random: &mut Random, step: f64) -> Vec<f64> {
         let (size, moving) = (random.log_uniform((0.01, 1.0)), random.next() > 0.0);
         let mut slopes = Vec::new();

@@ -12,7 +12,7 @@ use super::described::model;
 
 /// Rows of the extrapolation table, of 2, 4, 6 … substeps.
 const ROWS: usize = 8;
-/// In a row from this on a step was long enough.
+/// Row of the table from which on a step was long enough.
 const LATE: usize = ROWS - 2;
 /// The least number of steps: none strides over what happens within.
 const LEAST_STEPS: f64 = 16.0;
@@ -21,7 +21,7 @@ const MOST_STEPS: usize = 400_000;
 /// Width of the bracket in which an event is found, as a part of a step.
 const BRACKET: f64 = 1e-12;
 
-/// What is to be solved.
+/// Problem to solve.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// All values, with the inputs set.
@@ -32,7 +32,7 @@ pub struct Task<'a> {
     pub slopes: &'a [f64],
     /// Relative to a state's magnitude, or its nominal value where that is larger.
     pub tolerance: f64,
-    /// By how much the states are moved, and at which part of the way.
+    /// Changes of the states, and the part of the way at which they occur.
     pub moved: Option<(f64, &'a [f64])>,
 }
 
@@ -50,7 +50,7 @@ impl Exact {
         Exact { model: model(text).unwrap(), execution, nominals }
     }
 
-    /// Where it leads, or why nowhere.
+    /// Returns the end, or the reason why there is none.
     pub fn solve(&mut self, task: &Task) -> Result<Block, String> {
         let (t0, t1) = (task.time, task.time + task.step);
         self.execution.block_mut().copy_from(task.block);
@@ -66,7 +66,7 @@ impl Exact {
             self.integrate(task, (t0, t1), next)?;
         }
         self.execution.evaluate();
-        // A system is told of a step when its inputs read back what was set.
+        // A system detects a step when its inputs read back the values that were set.
         let inputs = self.model.variables().reals(Section::Input);
         self.execution.block_mut().reals[inputs.clone()].copy_from_slice(&task.block.reals[inputs]);
         let mut point = self.execution.point();
@@ -193,7 +193,7 @@ impl Exact {
     }
 }
 
-/// True if an indicator changed its side, or came to stand between.
+/// True if an indicator changed its sign, or became zero.
 fn crossed(before: &[f64], after: &[f64]) -> bool {
     before.iter().zip(after).any(|(before, after)| before * after < 0.0 || (*before != 0.0 && *after == 0.0))
 }

@@ -7,7 +7,7 @@ use adaptive_fmu_library::fmi2_functions::*;
 
 use super::{OK, Unit, description};
 
-/// What fmi2NewDiscreteStates told.
+/// Results of fmi2NewDiscreteStates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Event {
     pub again: bool,
@@ -136,7 +136,7 @@ impl Unit {
         self.derivatives()
     }
 
-    /// One step of the classical Runge-Kutta method of order 4, not completed.
+    /// Makes one step of the classical Runge-Kutta method of order 4, without completing it.
     pub fn runge_kutta(&self, t: f64, h: f64) {
         let x = self.states();
         let moved = |k: &[f64], h: f64| x.iter().zip(k).map(|(x, k)| x + h * k).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! What may come from outside as bytes: none leads to a fault, or takes without end.
+//! Bytes from outside: none causes a fault, or unlimited time.
 
 use std::cell::RefCell;
 use std::collections::HashMap;

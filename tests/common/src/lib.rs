@@ -1,5 +1,5 @@
 //! A master that calls the C functions as any tool does.
-// Called by tests alone, with instances that they made.
+// Only tests call this, with instances that they made.
 #![allow(clippy::new_without_default, clippy::should_implement_trait, clippy::not_unsafe_ptr_arg_deref)]
 
 pub mod closed;
@@ -39,7 +39,7 @@ pub const OK: Status = Status::Ok;
 pub const ERROR: Status = Status::Error;
 pub const DISCARD: Status = Status::Discard;
 
-/// What was logged: status, category and message.
+/// Log entries: status, category and message.
 pub type Logged = Vec<(c_int, String, String)>;
 
 /// The logger of every [`Unit`]; its environment is the unit's list of messages.
@@ -99,7 +99,7 @@ impl Request {
     }
 }
 
-/// An instance of a unit, with the model beside it for names.
+/// An instance of an FMU, with its model for names.
 pub struct Unit {
     pub component: Component,
     pub model: Model,
@@ -164,7 +164,7 @@ impl Unit {
         Unit::try_new(registry, text, model, &guid, kind).expect("an instance")
     }
 
-    /// What fmi2Instantiate gives, or what it logged.
+    /// Returns the result of fmi2Instantiate, or its log.
     pub fn try_new(registry: Registry, text: &str, model: Model, guid: &str, kind: c_int) -> Result<Self, Logged> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("description.toml"), text).unwrap();

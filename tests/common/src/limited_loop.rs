@@ -1,5 +1,5 @@
-//! A loop of an L1 law whose control is limited, written out by hand and integrated by the classical Runge–Kutta method in
-//! short steps: a plant x1' = x2, x2' = −3 x1 − .5 x2 + .7 u, taken for a double integrator, with the poles −8 ± 3 j.
+//! A loop of an L1 controller with limits, written out and integrated by the classical Runge–Kutta method in short
+//! steps. Plant: x1' = x2, x2' = −3 x1 − 0.5 x2 + 0.7 u. Model: a double integrator, with the poles −8 ± 3 j.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ const ADAPTATION_GAIN: f64 = 1e4;
 /// Length of its steps, s.
 const STEP: f64 = 1e-5;
 
-/// What is varied.
+/// Varied parameters.
 #[derive(Debug, Clone, Copy)]
 pub struct Law {
     pub gain: f64,
@@ -20,7 +20,7 @@ pub struct Law {
     pub filter: Option<[f64; 3]>,
     pub limits: [f64; 2],
     pub tracking_time: f64,
-    /// It commands accelerations, which this turns into forces.
+    /// It commands accelerations, which this converts to forces.
     pub inertia: f64,
 }
 

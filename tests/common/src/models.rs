@@ -9,7 +9,7 @@ use adaptive_fmu::system::{NoStructure, System};
 pub struct Run(pub Execution);
 
 impl Run {
-    /// With these lines in its `[start]`, from this time.
+    /// A run with these lines in its `[start]`, from this time.
     pub fn of<M: System<Structure = NoStructure>>(start: &str, time: f64) -> Self {
         let start = start.parse::<toml::Table>().unwrap();
         let mut execution = Execution::new(Model::new::<M>("Test", &start).unwrap());

@@ -1,5 +1,5 @@
-//! Tables in the documentation that follow from the catalogue, the descriptions and what is counted: each stands in its
-//! page between `<!-- generated: NAME -->` and `<!-- end -->`.
+//! Tables in the documentation that follow from the catalogue, the descriptions and counts. Each is in its page between
+//! `<!-- generated: NAME -->` and `<!-- end -->`.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -46,7 +46,7 @@ fn read(page: &str) -> String {
     std::fs::read_to_string(file(page)).unwrap()
 }
 
-/// From behind the mark's line to before the next one.
+/// Range from after the mark's line to before the next mark.
 fn place(page: &str, text: &str, name: &str) -> (usize, usize) {
     let mark = format!("<!-- generated: {name} -->\n");
     let begin = text.find(&mark).unwrap_or_else(|| panic!("{page} has no line {mark}")) + mark.len();

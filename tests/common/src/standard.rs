@@ -1,6 +1,6 @@
-//! Which function may be called when: the tables of FMI 2.0.4, sections 3.2.3 and 4.2.4, with what this project
-//! widens: Booleans and integers are set in Continuous-Time Mode, since masters do, and an instance in error can be
-//! terminated; and what it narrows: after a failed step only reading, rolling back, resetting, terminating and freeing is left.
+//! Allowed calls: the tables of FMI 2.0.4, sections 3.2.3 and 4.2.4, with the changes of this project. Booleans and
+//! integers may be set in Continuous-Time Mode, since masters do so, and an instance in error may be terminated. After
+//! a failed step, only reading, rolling back, resetting, terminating and freeing are allowed.
 
 use adaptive_fmu::fmi2::types::CO_SIMULATION;
 

@@ -73,8 +73,8 @@ impl System for Robertson {
     }
 }
 
-/// x' = −stiffness (x − cos t) − sin t: x = cos t, to which all other solutions fall (Prothero and Robinson). It
-/// starts `offset` beside it. When it passes `level` is noted.
+/// x' = −stiffness (x − cos t) − sin t: all solutions converge to x = cos t (Prothero and Robinson). It starts at a
+/// distance of `offset`, and records when it passes `level`.
 pub struct Slope {
     stiffness: ScalarOf<Parameter>,
     offset: ScalarOf<Parameter>,
@@ -273,12 +273,12 @@ impl System for Cooling {
     }
 }
 
-/// How often [`Cooling`] gave no number since the last call.
+/// Number of times that [`Cooling`] gave no number since the last call.
 pub fn no_numbers() -> u64 {
     NO_NUMBERS.take()
 }
 
-/// Many relaxations beside each other: xᵢ' = stiffness (cos t − xᵢ).
+/// Many independent relaxations: xᵢ' = stiffness (cos t − xᵢ).
 pub struct Many {
     stiffness: ScalarOf<Parameter>,
     x: VectorOf<State>,

@@ -10,7 +10,7 @@ use super::{head, made, refusal, wrapped};
 
 const DEGREE: f64 = PI / 180.0;
 
-/// How measurement and reference come to the law.
+/// Form in which the controller gets measurement and reference.
 type Read = fn(f64) -> f64;
 
 /// A double integrator under a controller, stepped exactly: ψ and u at each communication point.

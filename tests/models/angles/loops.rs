@@ -7,7 +7,7 @@ use common::models::Run;
 
 use super::{head, made, wrapped};
 
-/// How measurement and reference come to the law.
+/// Form in which the controller gets measurement and reference.
 pub type Read = [fn(f64) -> f64; 2];
 
 pub const UNWRAPPED: Read = [|y| y, |r| r];
@@ -21,13 +21,13 @@ pub type Plant = fn(f64, [f64; 2], [f64; 2]) -> [f64; 2];
 #[derive(Clone)]
 pub struct Loop {
     pub kind: &'static str,
-    /// Lines of the structure beside `angles`, then of the start.
+    /// Lines of the structure in addition to `angles`, then of the start.
     pub structure: String,
     pub start: String,
     pub plant: Plant,
     /// Numbers of states and controls.
     pub sizes: [usize; 2],
-    /// Where the reference model starts.
+    /// True if the reference model has its own start.
     pub starts_model: bool,
     /// True if it has derivatives of the reference, which then must not jump.
     pub has_rates: bool,

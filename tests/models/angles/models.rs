@@ -61,7 +61,7 @@ fn each_law_goes_the_short_way_over_the_seam() {
     }
 }
 
-/// Without the key the seam is a motion: a law is lost, or goes the long way, or refuses the error.
+/// Without the key the seam is a motion: a controller is lost, or goes the long way, or refuses the error.
 #[test]
 fn without_the_key_the_seam_is_no_seam() {
     for law in [mrac("baseline = 'outside'", ""), unmatched(""), l1_ppf(true, "baseline = 'outside'", "")] {
@@ -123,7 +123,7 @@ fn an_origin_that_moves_makes_no_jump() {
     }
 }
 
-/// What is the same by whole turns starts the same.
+/// Values that differ by whole turns start the same.
 #[test]
 fn laws_that_start_their_model_at_the_plant_start_the_same_in_any_turn() {
     for law in [mrac("baseline = 'outside'", ""), unmatched(""), mrac("baseline = 'inside'", "law = 'continuous'")] {

@@ -11,13 +11,13 @@ use super::{head, made, refusal, wrapped};
 
 const DEGREE: f64 = PI / 180.0;
 
-/// How measurement and reference come to the law.
+/// Form in which the controller gets measurement and reference.
 type Read = [fn(f64) -> f64; 2];
 
 const READS: [Read; 4] =
     [[wrapped, wrapped], [|y| y - 8.0 * PI, |r| r], [wrapped, |r| r + 2.0 * PI], [|y| y + 4.0 * PI, wrapped]];
 
-/// What became of a quadrotor's yaw.
+/// Motion of a quadrotor's yaw.
 #[derive(Debug, Clone)]
 struct Turned {
     /// Net way, degrees.
@@ -29,7 +29,8 @@ struct Turned {
     psi: Vec<f64>,
 }
 
-/// A quadrotor that hovers and turns about its vertical axis: I ψ'' = τ, held over steps of 1 ms and solved exactly.
+/// A quadrotor that hovers and turns about its vertical axis: I ψ'' = τ, with a zero-order hold of 1 ms, solved
+/// exactly.
 fn turned(seconds: f64, r: impl Fn(f64) -> f64, read: Read) -> Turned {
     let mut run = made(&format!("{}u_ad_start = 'bumpless'\n", description("L1Quadrotor")));
     let (start, h, inertia) = (170.0 * DEGREE, 1e-3, 8.81e-3);
@@ -58,8 +59,8 @@ fn turned(seconds: f64, r: impl Fn(f64) -> f64, read: Read) -> Turned {
     found
 }
 
-/// The same as one unit, without sampling in between, from this yaw in degrees and with a reference that moves evenly; no figure of
-/// the path.
+/// The same as a single FMU, without sampling in between, from this yaw in degrees and with a steadily moving
+/// reference; without figures of the path.
 fn turned_as_one(start: f64, [r, speed]: [f64; 2], seconds: f64) -> (Turned, f64) {
     let law: toml::Table = description("L1Quadrotor").parse().unwrap();
     let mut of_law = law["start"].as_table().unwrap().clone();
@@ -128,7 +129,7 @@ fn a_quadrotor_turns_as_the_continuous_loop_does() {
     }
 }
 
-/// Figures of the continuous loop, from which sampling every millisecond is off by 1 %.
+/// Figures of the continuous loop, from which sampling every millisecond deviates by 1 %.
 fn near(found: f64, expected: f64) -> bool {
     (found - expected).abs() <= 0.012 * expected
 }
@@ -230,7 +231,7 @@ fn each_law_takes_wrapped_angles_for_unwrapped_ones_and_follows_them() {
     }
 }
 
-/// Where nothing is unknown, a law about an origin that moves is the one about 0 as its equations say, and the control doesn't jump.
+/// Without uncertainty, a controller about a moving origin equals one about 0, and the control doesn't jump.
 #[test]
 fn an_origin_that_moves_makes_no_jump() {
     let ramp = |t: f64| 0.7 + 0.2 * t;

@@ -1,13 +1,13 @@
-//! The law for several channels written out, with numbers that are anything, in a loop with a linear plant: by the classical
-//! Runge–Kutta method, with the switches of the gains found by bisection, and the inference by integrals over its sets.
+//! The controller for several channels written out, with arbitrary numbers, in a loop with a linear plant: by the
+//! classical Runge–Kutta method, with switches of the gains by bisection, and the inference by integrals over its sets.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use common::closed::Closed;
 use common::random::Random;
 use nalgebra::{DMatrix, DVector};
 
-/// What the output is for each pair of input sets: a row for each set of |e'|, a column for each of |e|, from very large
-/// down to zero, as the thesis prints it.
+/// Output for each pair of input sets: a row for each set of |e'|, a column for each of |e|, from very large down to
+/// zero, as in the thesis.
 const RULES: [[&str; 5]; 5] = [
     ["VL", "VL", "VL", "VL", "L"],
     ["VL", "VL", "VL", "L", "S"],
@@ -30,7 +30,7 @@ const CORNERS: [(&str, f64, f64); 9] = [
     ("VS_c", 0.5, 1.5),
 ];
 
-/// How far a value belongs to a set of an input, from very large down.
+/// Membership of a value in a set of an input, from very large down.
 fn member(value: f64, set: usize) -> f64 {
     let c = CENTRES;
     let above = if set == 0 { 1.0 } else { (c[set - 1] - value) / (c[set - 1] - c[set]) };
@@ -66,7 +66,7 @@ fn inferred(a: f64, b: f64, corners: &[f64; 9]) -> f64 {
     moment / area
 }
 
-/// Which outputs' rates are known.
+/// Outputs whose rates are known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Degree {
     Second,

@@ -1,4 +1,4 @@
-//! What a fuzzy gain is worth with several channels: the numbers that its page tells.
+//! Benefits of a fuzzy gain with several channels: the numbers on its page.
 #![allow(non_snake_case)] // the objective has the name of the page
 
 use common::closed::{Closed, near};
@@ -6,18 +6,18 @@ use common::description;
 
 /// Communication points of the sums, s.
 const STEP: f64 = 1e-3;
-/// Bounds of the input gain that no estimate comes to.
+/// Bounds of the input gain that no estimate reaches.
 const FREE: &str = "omega_min = [[0.0, -2.0], [-2.0, 0.0]]";
 const NEVER_FUZZY: &str = "k_e = [1e6, 1e6]";
 const AS_IN_THE_THESIS: &str = "k_p = [0.1, 0.1]\nk_d = [0.05, 0.05]";
 const TUNED_CONSTANT: &str = "k_e = [1e6, 1e6]\nfeedback_gain = [[9.10, 0.0], [0.0, 12.48]]";
 const TWO_LEVELS: &str = "fuzzy_output = 'constant'\nconstant_gain = [8.33, 11.43]";
 
-/// As `tune` found them in 1,800 runs.
+/// Results of `tune` after 1,800 runs.
 const TUNED_SETS: &str = "VL_c = [9.615403, 11.705008]\nVL_l = [8.0, 8.0]\nL_l = [3.0, 1.5]\nL_c = [6.0, 3.0]\nL_h = [10.0, \
                           6.0]\nS_l = [1.5, 1.5]\nS_c = [4.0, 4.0]\nVS_l = [0.5, 0.5]\nVS_c = [1.5, 1.5]";
 
-/// What a run came to: Σ (e² + 1e-4 u²) of all channels, times the step, and the largest controls.
+/// Result of a run: Σ (e² + 1e-4 u²) of all channels, times the step, and the largest controls.
 struct Worth {
     J: f64,
     largest: Vec<f64>,
@@ -51,7 +51,7 @@ fn robot(controller: &str) -> Worth {
     robot_with(&format!("{FREE}\n{controller}"), ["", ""], 4.0)
 }
 
-/// From another start, .8 times the negated reference at 1.3 times its frequency.
+/// Results from another start, with 0.8 times the negated reference at 1.3 times its frequency.
 fn held_out(controller: &str) -> f64 {
     let reference = "cosine_amplitude = [-0.4, 0.48]\ncosine_frequency = [0.91, 0.845]";
     robot_with(&format!("{FREE}\n{controller}"), [reference, "x0 = [0.3, 0.4, 0.0, 0.0]"], 6.0).J
@@ -106,7 +106,7 @@ fn on_another_trajectory_of_the_robot_it_is_as_told() {
     }
 }
 
-/// With the bounds of omega that the unit has an estimate comes to its bound, and the numbers differ a little.
+/// With the controller's own bounds of omega, an estimate reaches its bound, and the numbers differ a little.
 #[test]
 fn with_the_units_own_bounds_the_robot_does_alike() {
     let own = robot_with("", ["", ""], 4.0);

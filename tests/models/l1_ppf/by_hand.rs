@@ -1,4 +1,4 @@
-//! The law written out plainly, with numbers that are anything, against the unit.
+//! The controller written out plainly, with arbitrary numbers, against the FMU.
 
 use common::models::Run;
 use common::random::Random;
@@ -31,7 +31,7 @@ struct Hand {
     x_m0: DVector<f64>,
 }
 
-/// The states of the law by hand: x_m, x̂, ω̂, θ̂, σ̂, u_ad.
+/// The states of the controller by hand: x_m, x̂, ω̂, θ̂, σ̂, u_ad.
 #[derive(Clone)]
 struct State([DMatrix<f64>; 6]);
 
@@ -154,7 +154,7 @@ impl Hand {
         (asked, furthest)
     }
 
-    /// What a sampled barrier holds from t on: −K_ε R ε where ρ z + h K_ε R ε = e, by bisection.
+    /// Output of a sampled barrier from t on: −K_ε R ε where ρ z + h K_ε R ε = e, by bisection.
     fn sampled_barrier(&self, t: f64, x_m: &DMatrix<f64>, h: f64) -> DVector<f64> {
         DVector::from_fn(2, |i, _| {
             let [start, end, rate] = self.funnel[i];
@@ -171,7 +171,7 @@ impl Hand {
         })
     }
 
-    /// The rates of the law, and its control; with what the barrier asks for where that is held.
+    /// The rates of the controller, and its control; `held` is the output of a sampled barrier.
     fn rates(&self, t: f64, state: &State, held: Option<&DVector<f64>>) -> (State, DVector<f64>) {
         let [x_m, x_hat, omega, theta, sigma, u_ad] = &state.0;
         let n = self.A.nrows();
@@ -235,7 +235,7 @@ impl Hand {
         (State(rates), DVector::from_column_slice(u.as_slice()))
     }
 
-    /// The states that the law starts with.
+    /// The initial states of the controller.
     fn start(&self) -> State {
         let n = self.A.nrows();
         State([
@@ -317,7 +317,7 @@ fn it_is_the_law_that_is_written() {
     assert!((1..24).contains(&at_limit), "limits act in some: {at_limit}");
 }
 
-/// With the sample time from the first step, and with one that a master's steps divide.
+/// With the sample time as the first step, and with one that a master's steps divide.
 #[test]
 fn sampled_it_is_the_law_that_is_written() {
     let mut random = Random::new(43);

@@ -1,5 +1,5 @@
-//! A sampled law and its loop written out, with any filter and with what no control reaches: by the classical Runge–Kutta method
-//! and elimination alone.
+//! A sampled controller and its loop written out, with any filter and with unmatched uncertainty: only by the classical
+//! Runge–Kutta method and elimination.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 pub type Matrix = Vec<Vec<f64>>;
@@ -39,7 +39,7 @@ pub fn solve(A: &[Vec<f64>], b: &[f64]) -> Vec<f64> {
     (0..n).map(|i| rows[i][n] / rows[i][i]).collect()
 }
 
-/// Where x is after a time, in so many steps.
+/// The state x after a time, in so many steps.
 pub fn flow(x: &[f64], t: f64, duration: f64, steps: usize, rates: &dyn Fn(f64, &[f64]) -> Vec<f64>) -> Vec<f64> {
     let h = duration / steps as f64;
     let along = |x: &[f64], k: &[f64], h: f64| x.iter().zip(k).map(|(x, k)| x + h * k).collect::<Vec<_>>();
@@ -53,11 +53,11 @@ pub fn flow(x: &[f64], t: f64, duration: f64, steps: usize, rates: &dyn Fn(f64, 
     })
 }
 
-/// Of the filter's states, of W_0 σ̂_1 − K_g r and of σ̂_2.
+/// Rates by the filter's states, W_0 σ̂_1 − K_g r and σ̂_2.
 type FilterRates = dyn Fn(&[f64], &[f64], &[f64]) -> Vec<f64>;
-/// Of the filter's states and σ̂_2.
+/// Output by the filter's states and σ̂_2.
 type FilterOutput = dyn Fn(&[f64], &[f64]) -> Vec<f64>;
-/// Of the time, a plant's states, the controls and the reference.
+/// Rates by the time, a plant's states, the controls and the reference.
 type PlantRates<'a> = dyn Fn(f64, &[f64], [&[f64]; 2]) -> Vec<f64> + 'a;
 /// A reference and its rate, of the time and a plant's states.
 type Asked<'a> = dyn Fn(f64, &[f64]) -> [Vec<f64>; 2] + 'a;
@@ -74,7 +74,7 @@ pub struct Law {
     pub T: f64,
     pub d: usize,
     pub A_d: Matrix,
-    /// What an interval does with a unit of each direction, of B W_0 and then of what no control reaches.
+    /// Effects of unit inputs in an interval: those of B W_0, then unmatched ones.
     pub L_d: Matrix,
     pub W_0: Matrix,
     pub K_d: Matrix,
@@ -88,10 +88,10 @@ pub struct Law {
     queue: Vec<Vec<f64>>,
 }
 
-/// Steps of a sample time where what is held drives something linear.
+/// Steps of a sample time in which constant inputs drive a linear system.
 const FINE: usize = 40;
 
-/// x̂ moves by x̂' = A_m x̂ + B (W_0 u + K_m x) + B̄ σ̂ with the rest held, and σ̂ takes its error back:
+/// x̂ moves by x̂' = A_m x̂ + B (W_0 u + K_m x) + B̄ σ̂ with the rest constant, and σ̂ cancels its error:
 /// ∫ e^(A_m s) ds B̄ σ̂ = −e^(A_m T) (x̂ − x).
 pub struct Published {
     pub A_m: Matrix,
@@ -132,7 +132,7 @@ pub fn held(A: &[Vec<f64>], directions: &[Vec<f64>], T: f64) -> (Matrix, Matrix)
 }
 
 impl Law {
-    /// For C x to follow r; K_d places poles of A_d, B_d W_0⁻¹ as it is given these.
+    /// A controller with which C x follows r; `place` returns K_d from A_d and B_d W_0⁻¹.
     pub fn new(
         [T, limit]: [f64; 2],
         d: usize,
@@ -239,7 +239,7 @@ pub fn placed(A_d: &Matrix, b: &[f64], poles: &[f64], T: f64) -> Vec<f64> {
     row
 }
 
-/// What a loop came to.
+/// Results of a loop.
 #[derive(Debug, Clone, Default)]
 pub struct Ran {
     pub states: Vec<Vec<f64>>,

@@ -29,7 +29,7 @@ fn unmatched_rates(t: f64, s: &[f64], u: &[f64], r: &[f64]) -> Vec<f64> {
     ]
 }
 
-/// The law of 3.4.1: D(s) = 1/(s (s/25 + 1)(s/70 + 1)(s²/1600 + 1.8 s/40 + 1)), and D(s) (s + 1.8) in channel 2.
+/// The controller of 3.4.1: D(s) = 1/(s (s/25 + 1)(s/70 + 1)(s²/1600 + 1.8 s/40 + 1)), and D(s) (s + 1.8) in channel 2.
 pub fn unmatched_law(T: f64, d: usize) -> Law {
     let A = vec![vec![-1.0, 0.0, 0.0], vec![0.0, 0.0, 1.0], vec![0.0, -1.0, -1.8]];
     let directions = vec![vec![1.0, 0.0, 0.0], vec![0.0, 0.0, 1.0], vec![1.0, 1.0, 0.0]];
@@ -90,14 +90,14 @@ fn twin_rates(s: &[f64], u: &[f64]) -> Vec<f64> {
 fn twin_reference(t: f64) -> [Vec<f64>; 2] {
     let e = (-0.5 * t).exp();
     let a = 1.0 - e * (1.0 + 0.5 * t + 0.125 * t * t);
-    // a' = e (.5 (1 + .5 t + .125 t²) − .5 − .25 t)
+    // a' = e (0.5 (1 + 0.5 t + 0.125 t²) − 0.5 − 0.25 t)
     let da = e * 0.0625 * t * t;
     let (p, dp) = (0.2 + 0.1 * (0.3 * t).sin(), 0.03 * (0.3 * t).cos());
     let (y, dy) = (0.3 * (0.2 * t).sin(), 0.06 * (0.2 * t).cos());
     [vec![a * p, a * y], vec![da * p + a * dp, da * y + a * dy]]
 }
 
-/// Its law: D(s) = 1/s, and in each axis H_m⁻¹ H_um = (s + p)/(a b), which shows σ_2 in the control at once.
+/// Its controller: D(s) = 1/s, and in each axis H_m⁻¹ H_um = (s + p)/(a b), with direct feedthrough of σ_2.
 pub fn twin_law(T: f64, d: usize) -> Law {
     let (g, c1, a1, c2, a2) = (0.32 / 0.068, 0.006 / 0.068, 0.0924 / 0.068, 0.1 / 0.02, 0.09 / 0.02);
     let A = vec![
@@ -126,7 +126,7 @@ pub fn twin_law(T: f64, d: usize) -> Law {
         K
     };
     let filter = move |K_d: &Matrix| {
-        // H_m⁻¹ H_um = (s + p)/(a b), p of the dynamics that the held baseline brings about.
+        // H_m⁻¹ H_um = (s + p)/(a b), with p of the dynamics with the sampled baseline.
         let b = [1.0, 0.8];
         let a = [a1, a2];
         let p = [1.0 / 1.1 + b[0] * K_d[0][4], 1.0 + b[1] * K_d[1][5]];
@@ -229,7 +229,7 @@ pub fn position_loop(t: f64, s: &[f64]) -> [f64; 3] {
     let phi = (theta.cos() * (a[0] * psi.sin() - a[1] * psi.cos()) / g_z).atan().clamp(-0.6, 0.6);
     [0.5 * g_z / (s[6].cos() * s[7].cos()).max(0.3), phi, theta]
 }
-/// The law of its attitude: each angle a double integrator.
+/// The controller of its attitude: each angle is a double integrator.
 pub fn attitude_law(T: f64, d: usize) -> Law {
     let unit = |k: usize, size: f64| (0..6).map(|i| if i == k { size } else { 0.0 }).collect::<Vec<_>>();
     let A: Matrix = (0..6).map(|i| if i < 3 { unit(i + 3, 1.0) } else { unit(0, 0.0) }).collect();

@@ -1,5 +1,5 @@
-//! The sampled law with any filter, and with unmatched uncertainty: against its equations written out, on the loops of the
-//! thesis, as one unit and as separate ones.
+//! The sampled controller with any filter, and with unmatched uncertainty: its equations written out, on the loops of
+//! the thesis, as a single FMU and as separate ones.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::by_hand::{Filter, Law, Matrix, Published, flow, of_columns, placed, run};
@@ -98,7 +98,7 @@ fn the_equations_written_out_hold_the_attitude_of_a_quadrotor() {
     assert!(quadrotor(2e-2, 1, true, 20.0).rms.iter().any(|rms| !rms.is_finite()));
 }
 
-/// A loop of units of this package as one unit.
+/// A loop of FMUs of this package as a single FMU.
 fn whole([reference, plant]: [&str; 2], controller: &str, start: &str, [m, n]: [usize; 2]) -> Closed {
     let closed = Closed::new().part("reference", reference, "").part("plant", plant, "");
     let closed = closed.described("controller", controller, start);
@@ -127,8 +127,8 @@ fn the_loop_of_3_4_1_as_one_unit_is_that_of_the_equations_written_out() {
     }
 }
 
-/// Plant and reference stepped first: there the step of the reference, which is at a sample, has its sample. As one unit the
-/// sample takes the reference before its step.
+/// Plant and reference are stepped first, so a step of the reference at a sample counts in this sample. In the single
+/// FMU the sample takes the reference before its step.
 #[test]
 fn the_units_of_3_4_1_deviate_from_the_desired_model_as_the_page_says() {
     let T = 1e-2;
@@ -183,8 +183,8 @@ fn separate_units_of_3_4_1_that_are_stepped_at_once_are_the_law_with_a_sample_of
     }
 }
 
-/// What enters psi'' and phi'' shows in the control at once there; the kinematic rows are found and not cancelled. Within limits
-/// that it needs more than at times, nothing winds up.
+/// Uncertainty in psi'' and phi'' enters the control immediately there; the kinematic rows are found and not cancelled.
+/// Within limits that it sometimes exceeds, nothing winds up.
 #[test]
 fn the_twin_rotor_as_one_unit_is_that_of_the_equations_written_out() {
     for (T, limit) in [(5e-3, FREE), (1e-2, FREE), (1e-2, 0.6)] {
@@ -196,7 +196,7 @@ fn the_twin_rotor_as_one_unit_is_that_of_the_equations_written_out() {
     }
 }
 
-/// The attitude by this law, behind a position loop of the user's own, all stepped at once.
+/// The attitude by this controller, with a position loop of the user, all stepped simultaneously.
 #[test]
 fn a_quadrotors_attitude_behind_a_position_loop_of_ones_own_is_that_of_the_equations_written_out() {
     let T = 5e-3;
@@ -238,7 +238,7 @@ fn a_quadrotors_attitude_behind_a_position_loop_of_ones_own_is_that_of_the_equat
     }
 }
 
-/// Two channels a' = b + σ, b' = −a − 1.4 b + v with y = a + b/2, which has a zero; σ enters the first of them alone.
+/// Two channels a' = b + σ, b' = −a − 1.4 b + v with y = a + b/2, which has a zero; σ enters only the first of them.
 mod zeros {
     use super::*;
 
@@ -254,7 +254,7 @@ mod zeros {
         matrix.iter().map(|row| row.to_vec()).collect()
     }
 
-    /// D(s) = 1.3 (.02 s + 1)/(s (.05 s + 1)), states integral and lag; behind it H_m⁻¹ H_um = 2 (s + β)/(s + 2).
+    /// D(s) = 1.3 (0.02 s + 1)/(s (0.05 s + 1)), states integral and lag; behind it H_m⁻¹ H_um = 2 (s + β)/(s + 2).
     fn filter(K_d: &Matrix) -> Filter {
         let beta = 0.9 + K_d[0][1] - 0.5 * K_d[0][0];
         let output = |q: &[f64]| -> Vec<f64> {

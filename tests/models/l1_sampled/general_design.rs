@@ -1,4 +1,4 @@
-//! The sampled law with any filter, and with unmatched uncertainty: what its report tells, taking over, and what is refused.
+//! The sampled controller with any filter, and with unmatched uncertainty: its report, takeovers, and refusals.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use super::by_hand::flow;
@@ -44,7 +44,7 @@ fn growth(T: f64, d: usize, gain: f64, late: usize) -> f64 {
     largest / middle
 }
 
-/// Within what the report tells the loop of the equations written out dies away, beyond it grows.
+/// Within the margins of the report the loop of the equations written out decays, beyond them it grows.
 #[test]
 fn the_report_tells_what_input_gains_and_dead_times_the_general_form_bears() {
     for (T, d) in [(0.01, 0), (0.02, 1)] {
@@ -62,7 +62,7 @@ fn the_report_tells_what_input_gains_and_dead_times_the_general_form_bears() {
 #[test]
 fn the_poles_that_the_report_tells_are_those_of_the_plant_and_of_the_filter() {
     let told = report(&unmatched(0.01, 0));
-    // s = −.9 ± .4359j of the desired dynamics is the slowest, then s = −1.
+    // s = −0.9 ± 0.4359j of the desired dynamics is the slowest, then s = −1.
     near("largest magnitude", number(&told, "largest magnitude of the poles"), (-0.9_f64 * 0.01).exp(), 1e-9);
     let poles = told.findings.iter().find(|finding| finding.name == "poles of C(s)").unwrap();
     let text = format!("{:?}", poles.value);
@@ -107,7 +107,7 @@ fn another_filter_of_the_same_law_gives_the_same_control() {
     }
 }
 
-/// Where what is unmatched shows in the control at once, as on the twin rotor.
+/// Case in which unmatched uncertainty enters the control immediately, as on the twin rotor.
 #[test]
 fn a_take_over_makes_no_jump_where_the_unmatched_part_shows_at_once() {
     let text = super::general::twin_text(0.01, 1);
@@ -161,7 +161,7 @@ fn a_description_that_cant_be_sampled_is_refused_with_the_reason() {
         .replace("baseline = \"inside\"", "baseline = \"inside\"\nfilter = { gain = 0.5 }")
         .replace("feedback_gain = [30.0, 30.0]", "feedback_gain = [[-1e6, 0.0], [0.0, 30.0]]");
     refused(&robot, &["feedback_gain[1,1] = -1000000: must be smaller", "unstable"]);
-    // An unstable filter's loop that has numbers is told by the report, as that of an L1 controller is.
+    // The report describes a loop with an unstable filter if it has numbers, as for an L1 controller.
     let told = report(&text.replace(gain, "feedback_gain = [[80.0, 0.0], [0.0, 8.0]]"));
     let bad: Vec<_> = told.findings.iter().filter(|finding| finding.verdict == Verdict::NotSound).collect();
     assert!(bad.iter().any(|finding| finding.name == "poles of C(s)"), "{bad:?}");

@@ -1,4 +1,4 @@
-//! The law written out plainly, with numbers that are anything, against the unit: its rates, and its samples.
+//! The controller written out plainly, with arbitrary numbers, against the FMU: its rates, and its samples.
 
 use common::random::Random;
 use common::{OK, Unit};
@@ -188,8 +188,8 @@ fn rates_and_control_are_those_of_the_formulas_anywhere() {
     assert!(limited > 5 && limited < 40 && held_back > 5, "{limited}, {held_back}");
 }
 
-/// Over a sample time with x and r held, increments have one sign: what the sampled law does in closed form is what the
-/// continuous law does.
+/// Over a sample time with constant x and r, increments have one sign: the sampled controller in closed form does the
+/// same as the continuous one.
 #[test]
 fn a_sample_leads_where_the_continuous_law_does_with_held_inputs() {
     let mut random = Random::new(8);
@@ -233,7 +233,7 @@ fn a_sample_leads_where_the_continuous_law_does_with_held_inputs() {
     }
 }
 
-/// By the method of Runge and Kutta, with the control and the inputs held.
+/// Integrates by the method of Runge and Kutta, with constant control and inputs.
 fn integrated(case: &Case, mut state: Vec<f64>, wanted: SVector<f64, M>, T: f64) -> Vec<f64> {
     let steps = 400;
     let h = T / f64::from(steps);

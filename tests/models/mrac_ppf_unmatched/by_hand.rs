@@ -1,4 +1,4 @@
-//! The law written out plainly, with numbers that are anything, against the unit.
+//! The controller written out plainly, with arbitrary numbers, against the FMU.
 #![allow(non_snake_case)] // matrices have the names of the thesis
 
 use common::random::Random;
@@ -12,7 +12,7 @@ const M: usize = 2;
 const REACHED: [usize; M] = [0, 2];
 const UNMATCHED: [(usize, usize); 2] = [(1, 2), (3, 0)];
 
-/// A plant, a law and inputs that are held.
+/// A plant, a controller and constant inputs.
 #[derive(Debug)]
 struct Case {
     A: SMatrix<f64, N, N>,

@@ -1,11 +1,11 @@
-//! What is refused, what the report tells, and what `new` begins.
+//! Refusals, the report, and descriptions by `new`.
 
 use super::*;
 use adaptive_fmu::library::begin;
 use adaptive_fmu::report::{Finding, Value, Verdict};
 use adaptive_fmu::template::{Plant, Request, Sizes};
 
-/// Why a unit of this description can't be made or begun.
+/// Reason why this description is not valid or can't start.
 fn refused(text: &str) -> String {
     match made(text) {
         Err(reason) => reason,

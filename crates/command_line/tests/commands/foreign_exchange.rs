@@ -71,7 +71,7 @@ fn sampled_units_meet_all_of_their_times() {
     }
 }
 
-/// From height 1 with half the speed after each bounce: t₀ = √(2/g), then flights of 2 t₀, t₀, t₀/2 … of bounces.
+/// Bounces from height 1 with half the speed after each: t₀ = √(2/g), then flights of 2 t₀, t₀, t₀/2 …
 #[test]
 fn a_ball_bounces_where_it_meets_the_ground() {
     let t0 = (2.0_f64 / 9.81).sqrt();

@@ -1,4 +1,4 @@
-//! Loops with units of other tools, which tell less of themselves than the standard lets them.
+//! Loops with FMUs of other tools, which declare less than the standard allows.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -54,7 +54,7 @@ impl Pair {
         loaded.instantiate(&[]).unwrap().run(settings, |_| true).unwrap()
     }
 
-    /// By the program.
+    /// Runs the program.
     fn run(&self, options: &[&str]) -> Output {
         let mut program = Command::new(env!("CARGO_BIN_EXE_adaptive-fmu"));
         program.arg("run").arg(self.0.path()).args(options).arg("--out").arg(self.0.path().join("results"));
@@ -98,7 +98,7 @@ fn values_that_go_round_at_once_settle_before_the_first_step() {
     let recording = Pair::new(units, &(gain("one", 0.5) + &gain("two", 0.8)), "jacobi").recording();
     let told = about_circles(&recording);
     assert!(told.len() == 1 && told[0].starts_with("`one`, `two` do not declare"), "{told:?}");
-    // a = .5 (1 - b), b = .8 (1 - a)
+    // a = 0.5 (1 - b), b = 0.8 (1 - a)
     let (a, b) = (0.1 / 0.6, 0.4 / 0.6);
     for k in 0..=5 {
         assert!((recording.column("one.y").unwrap()[k] - a).abs() < 1e-8);
@@ -140,8 +140,8 @@ fn a_declared_algebraic_loop_runs_only_where_the_user_accepts_it() {
 const REFERENCE: &str = "name = \"Wanted\"\nmodel = \"reference\"\ndescription = \"\"\n[structure]\nchannels = 1\n\
     [start]\noffset = [1.0]\n[experiment]\nstop_time = 2.0\nstep = 0.05\n";
 
-/// A folder with units in several places: `resources/Lag.fmu`, `resources/Wanted.toml`, and `other units/Gain.fmu`
-/// beside it.
+/// A folder with FMUs in several places: `resources/Lag.fmu`, `resources/Wanted.toml`, and `other units/Gain.fmu` next
+/// to it.
 fn places() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let (resources, other) = (folder.path().join("loop/resources"), folder.path().join("other units"));
@@ -153,7 +153,7 @@ fn places() -> TempDir {
     folder
 }
 
-/// Runs the program in a folder; what it tells.
+/// Runs the program in a folder, and returns its output.
 fn told(folder: &TempDir, words: &[&str]) -> serde_json::Value {
     let mut program = Command::new(env!("CARGO_BIN_EXE_adaptive-fmu"));
     let done = program.current_dir(folder.path()).args(words).arg("--json").output().unwrap();
@@ -225,7 +225,7 @@ fn a_structure_without_our_annotation_runs_as_its_units_propose() {
     assert_eq!(value(&row, "time"), 2.0);
     let (told, row) = run(&connections, "<ssd:DefaultExperiment startTime='0.5' stopTime='0.8'/>");
     assert!(told.contains("stop time 0.8 s") && value(&row, "time") == 0.8, "{told}");
-    // OMSimulator tells its step in an annotation of its own.
+    // OMSimulator stores its step in an annotation of its own.
     let theirs = "<ssd:DefaultExperiment stopTime='1'><ssd:Annotations><ssc:Annotation type='org.openmodelica'>\
         <oms:Annotations xmlns:oms='o'><oms:SimulationInformation><oms:FixedStepMaster description='oms-ma' stepSize='0.25'/>\
         </oms:SimulationInformation></oms:Annotations></ssc:Annotation></ssd:Annotations></ssd:DefaultExperiment>";
@@ -267,8 +267,8 @@ fn a_value_has_gone_through_all_units_when_a_run_begins_and_many_are_told_by_the
     );
 }
 
-/// What OMSimulator writes: a system within the model's, connectors of systems, values in files of resources, its own
-/// annotations, geometry, start values of connected inputs.
+/// Files of OMSimulator have a system within the model's, connectors of systems, values in files of resources, its own
+/// annotations, geometry, and start values of connected inputs.
 #[test]
 fn a_package_as_omsimulator_writes_it_runs() {
     let folder = places();

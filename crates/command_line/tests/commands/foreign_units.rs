@@ -1,5 +1,5 @@
-//! Units of other tools in `run`: whatever they do wrong, it says which unit, in which function and at what time, and
-//! keeps what was computed.
+//! FMUs of other tools in `run`. For any error of theirs, the message names FMU, function and time, and the results
+//! until then are saved.
 
 #![cfg(unix)]
 

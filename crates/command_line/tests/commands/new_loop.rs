@@ -20,7 +20,7 @@ fn program(folder: &Path, words: &[&str]) -> Output {
     program.current_dir(folder).args(words).output().unwrap()
 }
 
-/// What a command that is done tells.
+/// Output of a command that succeeds.
 fn done(folder: &Path, words: &[&str]) -> (String, String) {
     let output = program(folder, words);
     let [out, err] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
@@ -35,7 +35,7 @@ fn refused(folder: &Path, words: &[&str]) -> String {
     String::from_utf8(output.stderr).unwrap()
 }
 
-/// What a loop tells that ran.
+/// JSON of a loop that ran.
 fn ran(folder: &Path, words: &[&str]) -> Value {
     serde_json::from_str(&done(folder, &[&["run"], words, &["--json"]].concat()).0).unwrap()
 }

@@ -182,7 +182,7 @@ fn a_process_that_is_killed_while_it_writes_leaves_whole_files_and_what_is_clear
             assert!(text == format!("{set} ").repeat(20_000), "{name} of set {set} isn't whole");
         }
     }
-    // Another process that is still writing is left alone.
+    // Files that another process is still writing stay.
     let mut writing = Files::at(folder.path());
     writing.add("a", "in time").unwrap();
     write_sets(folder.path(), 7..8, 1).unwrap();
@@ -201,7 +201,7 @@ fn a_run_that_makes_no_step_leaves_earlier_results_as_they_are() {
     assert!(good.status.success(), "{good:?}");
     let before = contents(&folder.path().join(RESULTS));
     assert_eq!(before.len(), 4);
-    // Bounds that contradict each other are refused when initialisation ends, beyond what the file can tell.
+    // Bounds that contradict each other are refused at the end of initialisation; the file can't show them.
     for bad in ["controller.u_min[1]=5", "controller.nothing=1", "plant.omega=x"] {
         let refused = program(folder.path(), &[&RUN[..], &["--set", bad, "--set", "controller.u_max[1]=-5"]].concat());
         let told = String::from_utf8(refused.stderr).unwrap();
@@ -256,12 +256,12 @@ fn a_description_is_replaced_only_where_that_is_asked_for() {
     assert!(program(folder.path(), &[&new[..], &["--force"]].concat()).status.success());
 }
 
-/// On a disk of its own, where this machine lets one be mounted.
+/// Runs on its own disk, if this machine can mount one.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_leaves_the_earlier_results_complete() {
     let folder = tempfile::tempdir().unwrap();
-    // There is room for one run, and not for another beside it.
+    // There is room for one run, and not for a second one.
     let script = "run() { \"$0\" run 3.2.1-cosine --composite --until 0.05 --out $1 > $2 2>&1; }; \
                   run room trial || exit 3; one=$(du -sk room | cut -f1); \
                   mount -t tmpfs -o size=$((one + one / 2))k none disk || exit 77; cd disk; \

@@ -79,7 +79,7 @@ fn edits(whole: &Value) -> Vec<(String, Value)> {
     edits
 }
 
-/// What goes on from a file, and the message where nothing does.
+/// The swarm that goes on from a file, or the message if none does.
 fn resumed(file: &Path, text: &str, question: &Question) -> Result<Swarm, String> {
     fs::write(file, text).unwrap();
     Record::resume(file, question).map_err(|error| error.to_string())
@@ -102,7 +102,7 @@ fn every_edit_of_a_single_value_is_refused_or_changes_nothing() {
             }
         }
     }
-    // Most are told by the key; the rest, as a value within its bounds, by the checksum.
+    // The key reveals most; the checksum reveals the rest, such as values within their bounds.
     assert!(refused > 1500 && named * 2 > refused, "{named} of {refused}");
 }
 

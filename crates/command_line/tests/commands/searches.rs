@@ -26,7 +26,7 @@ fn search(objective: Objective) -> Search {
     Search::new(structure, settings, objective, &parameters, vec![loaded]).unwrap()
 }
 
-/// Where a swarm ends, its best, and what all runs came to; with bounds, or every run to its end.
+/// End of a swarm, its best position, and the values of all runs; runs end at bounds, or are complete.
 fn found(search: &Search, with_bounds: bool) -> (Vec<Vec<f64>>, Best, Vec<f64>) {
     let bounds = search.ranges().iter().map(|range| (range.low, range.high)).collect();
     let mut swarm = Swarm::new(6, bounds, search.start(), Motion::default(), 3);
@@ -51,7 +51,7 @@ fn runs_that_end_as_soon_as_they_can_be_no_better_change_no_search() {
         let (whole, best, of_whole) = found(&search, false);
         let (positions, found_best, values) = found(&search, true);
         assert_eq!((positions, found_best), (whole, best));
-        // Some did end before, with less than they would have come to, and none that came to less.
+        // Some ended before, below their final values, and no value exceeds its final one.
         let ended = values.iter().zip(&of_whole).filter(|(value, whole)| **value < 0.99 * **whole).count();
         let none_more = values.iter().zip(&of_whole).all(|(value, whole)| *value <= whole * (1.0 + 1e-12));
         assert!(ended > 3 && none_more, "{ended}: {values:?} {of_whole:?}");

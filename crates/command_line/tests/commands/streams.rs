@@ -56,7 +56,7 @@ fn with_each_command(check: impl Fn(&[&str], &Output)) {
     assert!(exported.status.success(), "{exported:?}");
     for command in commands(folder.path()) {
         let words: Vec<&str> = command.iter().map(String::as_str).collect();
-        // What it comes to where all goes well: `check` ends with 3 where a design isn't sound.
+        // Exit status without an error: `check` ends with 3 if a design isn't sound.
         let well = program(&words).output().unwrap();
         assert!(well.status.code() == Some(0) || words[0] == "check", "{words:?}: {well:?}");
         check(&words, &well);

@@ -66,7 +66,7 @@ fn xml() -> String {
     exporter::read_entry(&good().1, "modelDescription.xml").unwrap()
 }
 
-/// What is found, without running it, where the description is another.
+/// Findings, without a run, for another description.
 fn findings_of(xml: &str) -> Vec<Finding> {
     // Without its library: that is not what is edited, and takes long to read.
     let (_folder, file) = edited(|entries| {
@@ -110,7 +110,7 @@ fn nothing_is_found_in_a_whole_loop_or_in_a_unit_with_names_of_its_own() {
     }
 }
 
-/// An edit of the description: a text, what stands there instead (at the first place), and what is told.
+/// An edit of the description: a text, its replacement (at the first place), and the finding.
 type Edit = (&'static str, &'static str, &'static str);
 
 const EDITS: [Edit; 46] = [
@@ -236,7 +236,7 @@ fn each_fault_of_a_description_is_found_by_its_line() {
     }
 }
 
-/// Edits of the structure, whose numbers are those of the unit: found and put in by what stands in the file.
+/// Edits of the structure. They use the FMU's own numbers, from the file.
 #[test]
 fn each_fault_of_the_structure_is_found_by_its_variable() {
     let whole = xml();
@@ -415,8 +415,7 @@ fn what_a_unit_does_when_it_is_run_is_found() {
         let (_folder, file) = built(faults, flags);
         let found = found_in(&file);
         assert!(found.len() == 1 && found[0].contains(told), "{faults:?} {flags}: {found:#?}");
-        // Each is told in one line, and by the exit code.
-        // Two instances in processes of their own can't disturb each other.
+        // Each gives one line, and the exit code. Two instances in processes of their own can't disturb each other.
         let place = if faults == ["ONLY_ONE"] { "--in-process" } else { "--patience=30" };
         let done = program(&["validate", file.to_str().unwrap(), place]);
         let lines = String::from_utf8(done.stdout).unwrap();

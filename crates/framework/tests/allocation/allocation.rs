@@ -1,5 +1,5 @@
-//! Nothing is allocated on the path of a step: fmi2SetReal, fmi2DoStep, fmi2GetReal, and all of model exchange; but for
-//! steps that take over parameters, or tell something, which allocate no more than docs/internals.md says.
+//! Steps don't allocate: fmi2SetReal, fmi2DoStep, fmi2GetReal, and all of model exchange. Steps that apply parameters
+//! or log messages allocate no more than docs/internals.md states.
 
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library;
@@ -20,7 +20,7 @@ fn references(unit: &Unit, wanted: impl Fn(Causality) -> bool) -> Vec<u32> {
     reals.map(|element| unit.reference(&element.name())).collect()
 }
 
-/// What isn't Real: Integers, with choices, and Booleans.
+/// Variables that aren't Real: Integers, with choices, and Booleans.
 struct Others {
     integers: Vec<u32>,
     booleans: Vec<u32>,
@@ -90,7 +90,7 @@ fn a_step_allocates_nothing() {
         unit.start(0.0);
         let step = unit.model.description().experiment.step;
         assert_eq!(allocations(&unit, step, 300), [0; 3], "{name}: setting, stepping, getting");
-        // Those beside it share what they work with.
+        // Further instances share their working memory.
         for further in [1, 2].map(|_| Unit::from_text(&open_description(&name))) {
             further.start(0.0);
             assert_eq!(allocations(&further, step, 30), [0; 3], "{name}: a further instance");
@@ -245,10 +245,10 @@ fn model_exchange_allocates_nothing() {
     assert!(ball.get("bounces") > 2.0);
 }
 
-/// What the page says of a warning.
+/// Number of a warning on the page.
 const OF_A_WARNING: usize = 27;
 
-/// What the page says of a unit.
+/// Number of an FMU on the page.
 fn said(page: &str, name: &str) -> usize {
     let row = page
         .lines()
@@ -279,7 +279,7 @@ fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
         let step = unit.model.description().experiment.step;
         unit.run(0.0, 5, step);
         let (references, values) = tunables(&unit);
-        // Twice: what the first time takes is not kept from then on.
+        // Run twice: memory of the first time is not reused from then on.
         let counts = [5, 6].map(|k| {
             unit.messages();
             assert_eq!(unit.set_reals(&references, &values), OK);

@@ -1,4 +1,4 @@
-//! What instances allocate and hold, counted by an allocator of this program's own.
+//! Allocations and memory of instances, counted by an allocator of this program's own.
 
 mod allocation;
 mod fmi3;

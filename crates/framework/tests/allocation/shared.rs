@@ -16,20 +16,20 @@ use common::{OK, Request, Unit, callbacks, description, description_names, guid}
 
 use crate::{BYTES, COUNT};
 
-/// An instance may hold so many bytes beside its values; and so many in all, as docs/internals.md says.
+/// Largest size of an instance in bytes without its values, and in all; docs/internals.md states them.
 const OVERHEAD: isize = 3000;
 const MOST: isize = 11_200;
-/// So often what instances of a thread work with may hold their values: as before the step, and with their derivatives in
-/// eight directions; with the evaluated ones a few times more.
+/// Number of copies of the values in a thread's working memory: as before the step, and with their derivatives in eight
+/// directions; a few more with the evaluated ones.
 const COPIES: isize = 12;
-/// So many matrices and vectors of the states' size the integrator may hold.
+/// The most matrices and vectors of the states' size in the integrator.
 const MATRICES: isize = 8;
 const VECTORS: isize = 50;
 
-/// How to ask for instances of a unit, whose resources lie in a folder.
+/// Request for instances of an FMU whose resources are in a folder.
 fn request(name: &str, folder: &Path) -> Request {
     let model = Model::from_description(Description::read(&description(name)).unwrap(), REGISTRY).unwrap();
-    // Instances share by what the description says: those of other tests have another one.
+    // Instances share by their descriptions, so those of other tests have different ones.
     let text = format!("{}\n# Of {}.\n", description(name), folder.display());
     std::fs::write(folder.join("description.toml"), text).unwrap();
     Request {
@@ -74,7 +74,7 @@ fn a_further_instance_holds_little_more_than_its_values() {
     }
 }
 
-/// A life of an instance may allocate so often, where its unit has been in use.
+/// The most allocations in the lifetime of an instance, if its FMU has been in use.
 const OF_A_LIFE: usize = 100;
 
 #[test]

@@ -32,10 +32,10 @@ const SLOW: [&str; 10] = [
 ];
 const STEPS: usize = 150;
 const TOLERANCE: f64 = 1e-6;
-/// Limits stand at these parts of what the control does without them.
+/// Limits, in parts of the control without limits.
 const LIMITS: [f64; 2] = [0.4, 0.6];
 
-/// Where a unit has the elements of a variable.
+/// Places of a variable's elements in an FMU.
 fn places(run: &Run, name: &str) -> Vec<usize> {
     let variables = run.0.model().variables();
     let named = variables.iter().filter(|v| v.name == name && v.is_real());

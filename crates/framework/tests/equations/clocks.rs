@@ -61,7 +61,7 @@ fn the_fastest_clock_that_time_can_tell_is_followed_and_a_step_that_holds_too_ma
         assert!(message.contains("substeps reached only"), "{message}");
         assert_eq!(run.0.block(), &before, "as before the step");
     }
-    // Ticks closer than numbers can tell have no time between them.
+    // Ticks closer than the resolution of numbers have no time between them.
     let message = Run::of::<Metronome>("period = 1e-12", 1e5).failure(1.0).to_string();
     assert!(message.contains("more than 10000 events at t = 10000"), "{message}");
 }

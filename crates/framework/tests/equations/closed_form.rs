@@ -47,7 +47,7 @@ fn run_on(run: &mut Run, steps: std::ops::Range<usize>, step: f64) {
     }
 }
 
-/// What the error of a step is judged by.
+/// Values that determine the error of a step.
 fn outcome(run: &Run) -> Vec<f64> {
     let (n, m) = (count(run, "x"), count(run, "r"));
     let indices = |name: &'static str, count: usize| (1..=count).map(move |i| format!("{name}[{i}]"));
@@ -73,15 +73,15 @@ fn errors(run: impl Fn(&mut Run) -> Vec<f64>, name: &str, structure: &str, start
     errors
 }
 
-/// That the closed form converges to the equations as its tolerance is tightened.
+/// Asserts that the closed form converges to the equations as its tolerance decreases.
 fn assert_converges(name: &str, structure: &str, start: &str, step: f64) {
     let errors = errors(|run| judged(run, (0.2 / step) as usize, step), name, structure, start);
     let [coarse, medium, fine] = errors;
     assert!(coarse < 1e-2 && medium < 1e-4 && fine < 1e-5, "{name}, {start}, H = {step}: {errors:?}");
 }
 
-/// The same where transients that are set off anew and anew carry the errors of many steps along: then the error shrinks
-/// at least as the root of the tolerance does, but for what the comparison itself can tell.
+/// The same with repeated transients that carry the errors of many steps along. The error decreases at least with the
+/// root of the tolerance, within the accuracy of the comparison.
 fn assert_shrinks(run: impl Fn(&mut Run) -> Vec<f64>, name: &str, structure: &str, start: &str) {
     let errors = errors(run, name, structure, start);
     let [coarse, medium, fine] = errors;
@@ -145,7 +145,7 @@ fn it_follows_what_the_limits_leave_as_fast_as_it_is_told_to() {
 
 #[test]
 fn it_follows_what_the_limits_leave_where_the_control_shows_unmatched_uncertainty_at_once() {
-    // The twin rotor's D(s) H_m⁻¹ H_um isn't strictly proper; held at a state, its control goes to its limits.
+    // The twin rotor's D(s) H_m⁻¹ H_um isn't strictly proper; at a constant state, its control goes to its limits.
     let held = |run: &mut Run| {
         for k in 0..100 {
             let t = 1e-3 * f64::from(k);

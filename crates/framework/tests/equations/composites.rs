@@ -19,7 +19,7 @@ struct Lag {
     u: VectorOf<Input>,
     x: VectorOf<State>,
     y: VectorOf<Signal>,
-    /// Without feedthrough: −x.
+    /// −x, without feedthrough.
     z: VectorOf<Signal>,
 }
 

@@ -40,7 +40,7 @@ fn a_ball_that_never_rests_bounces_right_until_its_bounces_accumulate_and_then_e
                         let (bounces, last, height) = exact_naive_ball(run.0.time(), restitution);
                         let off = (run.get("height") - height).abs();
                         assert!(off < 1e-8, "{case}, t = {}: height off by {off}", run.0.time());
-                        // The last bounces are shorter than times can be told apart.
+                        // The last bounces are shorter than the resolution of time.
                         if end - run.0.time() > 1e-6 {
                             assert_eq!(run.get("bounces"), bounces, "{case}, t = {}", run.0.time());
                             assert!((run.get("last") - last).abs() < 1e-8, "{case}");

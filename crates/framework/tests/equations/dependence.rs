@@ -1,5 +1,5 @@
-//! What outputs and derivatives are told to depend on: nothing else ever changes them. Tools order their calls and build
-//! Jacobians by it.
+//! Declared dependencies of outputs and derivatives: nothing else ever changes them. Tools order their calls and build
+//! Jacobians from them.
 
 use std::collections::BTreeSet;
 
@@ -23,14 +23,14 @@ fn evaluate(model: &Model, t: f64, point: &Block) -> Block {
     block
 }
 
-/// What outputs and derivatives depend on as told, and what of it was ever seen to matter.
+/// Declared dependencies of outputs and derivatives, and those that were seen to matter.
 #[derive(Default)]
 struct Tally {
     told: BTreeSet<(usize, usize)>,
     seen: BTreeSet<(usize, usize)>,
 }
 
-/// Outputs that equations write, and derivatives, with what they are told to depend on.
+/// Outputs that equations write, and derivatives, with their declared dependencies.
 fn unknowns(model: &Model) -> Vec<(String, usize, Vec<Place>)> {
     let variables = model.variables();
     let wanted = |element: &Element<'_>| {

@@ -5,7 +5,7 @@ use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::system::*;
 use common::description;
 
-/// What the design of a unit of this package reads.
+/// Parameters that the design of an FMU of this package reads.
 fn designed_of(name: &str) -> Vec<String> {
     Model::from_description(Description::read(&description(name)).unwrap(), REGISTRY).unwrap().designed_names()
 }

@@ -71,7 +71,7 @@ fn a_bouncing_ball_bounces_at_its_exact_times() {
 
 #[test]
 fn a_ball_whose_bounces_never_end_ends_in_an_error() {
-    // With half the speed each time, infinitely many bounces are over at t = .447 (1 + 2) = 1.34 s.
+    // With half the speed each time, infinitely many bounces are over at t = 0.447 (1 + 2) = 1.34 s.
     let mut run = Run::of::<Ball>("restitution = 0.5", 0.0);
     run.run(13, 0.1);
     let error = (0..20).find_map(|_| run.0.step(run.0.time(), 0.1).err());

@@ -33,7 +33,7 @@ impl System for Blowup {
     }
 }
 
-/// A gap with gap' = −1/(2 gap): gap = √(1 − t), which has to be wider than an input says.
+/// A gap with gap' = −1/(2 gap): gap = √(1 − t), which must be wider than an input.
 struct Closing {
     needed: ScalarOf<Input>,
     gap: ScalarOf<State>,

@@ -1,4 +1,4 @@
-//! What grows is never hidden: linear plants whose modes are known, by each method.
+//! Growth is never hidden: linear plants with known modes, by each method.
 
 use adaptive_fmu::error::StepError;
 use adaptive_fmu::execution::Execution;
@@ -171,7 +171,7 @@ fn growth_rates_of_random_plants_are_right_or_the_step_says_why_not() {
 
 #[test]
 fn a_mode_that_grows_from_a_tuned_parameter_on_is_followed_from_there_on() {
-    // An oscillation of 1e4 rad/s whose damping changes its sign, beside a stiff mode; its matrix is as large before.
+    // An oscillation of 1e4 rad/s whose damping changes its sign, with a stiff mode; its matrix is as large before.
     let of = |damping: f64| [-damping, 1e4, 0.0, -1e4, -damping, 0.0, 0.0, 0.0, -1e7];
     let a = DMatrix::from_row_slice(3, 3, &of(100.0));
     for method in METHODS {
@@ -191,7 +191,7 @@ fn a_mode_that_grows_from_a_tuned_parameter_on_is_followed_from_there_on() {
 
 #[test]
 fn growth_that_takes_too_much_work_to_follow_is_refused_with_its_mode() {
-    // A mode of 1e5 rad/s beside a stiff one: to follow it for 1e3 s takes some 1e9 substeps.
+    // A mode of 1e5 rad/s and a stiff one: to follow it for 1e3 s takes some 1e9 substeps.
     let a = DMatrix::from_row_slice(3, 3, &[3.0, 1e5, 0.0, -1e5, 3.0, 0.0, 0.0, 0.0, -1e8]);
     let x0 = DVector::from_column_slice(&[1e-9, 0.0, 1.0]);
     let error = run(&mut linear(&a, &x0, "automatic", 1e-6), 1e3, 1e3).unwrap_err();
@@ -200,7 +200,7 @@ fn growth_that_takes_too_much_work_to_follow_is_refused_with_its_mode() {
     ["100000 rad/s", "grows at 3 1/s", "work_limit"].iter().for_each(|part| assert!(text.contains(part), "{text}"));
 }
 
-/// The time at which a loop as one unit ends with an error, stepped by h.
+/// The time at which a loop as a single FMU ends with an error, stepped by h.
 fn escape(method: &str, tolerance: f64, h: f64) -> f64 {
     let start = format!("[start]\nintegration_method = '{method}'\nrelative_tolerance = {tolerance:e}\n");
     let mut execution = Execution::new(model(&whole("4-case3").replace("\n[start]\n", &format!("\n{start}"))).unwrap());
@@ -214,7 +214,7 @@ fn escape(method: &str, tolerance: f64, h: f64) -> f64 {
 
 #[test]
 fn no_step_leads_across_a_finite_escape() {
-    // Chapter 4, case 3, with the constant gain: its solution ends at .119 s.
+    // Chapter 4, case 3, with the constant gain: its solution ends at 0.119 s.
     for (method, tolerance, h) in
         [("automatic", 1e-3, 1e-3), ("stiff", 1e-3, 0.1), ("automatic", 1e-4, 1e-3), ("automatic", 1e-6, 1e-2)]
     {
@@ -253,7 +253,7 @@ impl System for Arm {
     }
 }
 
-/// How far an arm has grown in about 150 s, as a logarithm; `finer`: with each step in so many.
+/// Growth of an arm in about 150 s, as a logarithm. `finer` divides each step.
 fn growth_of_arm((variation, damping): (f64, f64), method: &str, steps_a_period: f64, finer: usize) -> f64 {
     let start = format!("variation = {variation}\ndamping = {damping}\nintegration_method = '{method}'");
     let (mut run, step) = (Run::of::<Arm>(&start, 0.0), std::f64::consts::PI / steps_a_period);

@@ -1,14 +1,14 @@
-//! Numbers that can be relied on: from any state and with any inputs, a communication step of any length arrives where the
-//! equations lead, within what is tolerated, or it is refused; and what was saved goes on bit for bit.
+//! Reliable numbers: from any state and with any inputs, a communication step of any length follows the equations
+//! within its tolerance, or it is refused. A saved state goes on bit for bit.
 //!
-//! What is tolerated. Error control bounds the error of each integration step, by `relative_tolerance` of a variable's
-//! magnitude, or of its nominal value where that is larger. A communication step is made of many of them, and the
-//! equations carry the error of each to the end. So what counts as 1 is that tolerance, or how far the exact solution of a
-//! variable moves when all states are moved by theirs, at the beginning, in the middle or at the end of the step, where
-//! that is further. An error of 10 passes.
+//! Tolerance. Error control bounds the error of each integration step, by `relative_tolerance` of a variable's
+//! magnitude, or of its nominal value if that is larger. A communication step consists of many of them, and the
+//! equations carry the error of each to the end. So an error of 1 is that tolerance, or the largest change of a
+//! variable's exact solution when all states change by their tolerances, at the beginning, in the middle or at the end
+//! of the step. An error of 10 passes.
 //!
-//! An error estimate knows the equations at a few points of a step. A kink in a rate (an absolute value, a projection, a limit)
-//! may lie where all that is known of it cancels. So one step in two hundred may have an error above 10.
+//! An error estimate evaluates the equations at a few points of a step. The effects of a kink in a rate (an absolute
+//! value, a projection, a limit) may cancel there. So one step in two hundred may have an error above 10.
 
 use adaptive_fmu::model::Block;
 use adaptive_fmu::system::{Element, Section};
@@ -27,24 +27,24 @@ const TIGHTER: [f64; 2] = [1e-4, 1e-6];
 const PASSES: f64 = 10.0;
 const ONE_IN: usize = 200;
 
-/// One communication step that was taken.
+/// A communication step.
 struct Taken<'a> {
     unit: &'a Unit,
     task: Task<'a>,
     after: Block,
 }
 
-/// What became of the steps of a unit.
+/// Results of the steps of an FMU.
 #[derive(Default)]
 struct Tally {
     steps: usize,
     refused: usize,
-    /// There the exact solution is beyond reach.
+    /// Steps whose exact solution is beyond reach.
     unknown: usize,
-    /// Those with an error above 1 if nothing carried it further.
+    /// Steps with an error above 1 if nothing carried it further.
     carried: usize,
     worst: f64,
-    /// Those with an error that doesn't pass.
+    /// Steps with an error that doesn't pass.
     beyond: usize,
 }
 
@@ -54,25 +54,25 @@ impl Taken<'_> {
         (0..variables.states()).map(|k| variables.real_at(Section::State, k).unwrap()).collect()
     }
 
-    /// What is judged: all reals that the unit calculates.
+    /// Judged values: all reals that the FMU calculates.
     fn judged(&self) -> Vec<Element<'_>> {
         let visible = self.unit.model.variables().visible();
         let given = [Section::Parameter, Section::Prepared, Section::Input];
         visible.filter(|e| e.variable.is_real() && !given.contains(&e.variable.section)).collect()
     }
 
-    /// What of an element is the whole to which a tolerance is relative.
+    /// Magnitude of an element, to which its tolerance is relative.
     fn magnitude(&self, element: Element, end: &Block) -> f64 {
         let place = self.unit.model.variables().index(element);
         element.nominal().max(self.task.block.reals[place].abs()).max(end.reals[place].abs())
     }
 
-    /// What is tolerated of each state.
+    /// Tolerance of each state.
     fn tolerated(&self, end: &Block, tolerance: f64) -> Vec<f64> {
         self.states().into_iter().map(|state| tolerance * self.magnitude(state, end)).collect()
     }
 
-    /// How far each real of the exact solution moves when all states are moved by what is tolerated, one way or the other.
+    /// Change of each real of the exact solution when all states change by their tolerances, up or down.
     fn carried(&self, exact: &mut Exact, task: &Task, end: &Block, tolerance: f64, random: &mut Random) -> Vec<f64> {
         let tolerated = self.tolerated(end, tolerance);
         let mut furthest = vec![0.0_f64; end.reals.len()];
@@ -86,8 +86,8 @@ impl Taken<'_> {
         furthest
     }
 
-    /// The same in the worst case of all ways: each state is moved alone, both ways, and what becomes of it adds up. For many
-    /// states that takes long.
+    /// The same in the worst case: each state changes separately, up and down, and the effects add up. For many states
+    /// that takes long.
     fn carried_at_worst(&self, exact: &mut Exact, task: &Task, end: &Block, tolerance: f64) -> Vec<f64> {
         let tolerated = self.tolerated(end, tolerance);
         let mut furthest = vec![0.0_f64; end.reals.len()];
@@ -133,8 +133,8 @@ impl Taken<'_> {
         (errors(Some(&self.carried_at_worst(exact, task, end, tolerance))), true)
     }
 
-    /// Compares with the exact solution, and tells what doesn't pass. What doesn't is compared with a still more exact
-    /// one: the rows of an extrapolation may agree by chance.
+    /// Compares with the exact solution, and prints errors that don't pass. Those are compared with a more exact
+    /// solution first: rows of an extrapolation may agree by chance.
     fn judge(&self, exact: &mut Exact, random: &mut Random, tally: &mut Tally) {
         let mut judged = None;
         for tighter in TIGHTER {
@@ -195,7 +195,7 @@ fn methods(name: &str) -> &'static [i32] {
     if chooses { &METHODS } else { &METHODS[..1] }
 }
 
-/// So many steps of every unit by every method.
+/// Surveys `count` steps of every FMU by every method.
 fn survey_all(count: usize) {
     let (mut steps, mut refused, mut unknown, mut beyond, mut worst) = (0, 0, 0, 0, 0.0_f64);
     println!("    unit and method, steps, refused, unknown, carried, worst error");
@@ -221,8 +221,8 @@ fn a_step_arrives_where_the_equations_lead_or_is_refused() {
     survey_all(4);
 }
 
-/// The same with more steps, as many as `HONESTY_STEPS` says:
-/// `TEST_ALL=1 cargo test --release --test equations honesty:: -- --ignored --nocapture`.
+/// The same with `HONESTY_STEPS` steps: `TEST_ALL=1 cargo test --release --test equations honesty:: -- --ignored
+/// --nocapture`.
 #[test]
 #[ignore = "takes minutes"]
 fn any_number_of_steps_arrives_where_the_equations_lead_or_is_refused() {

@@ -39,7 +39,7 @@ fn the_error_of_an_oscillator_follows_the_tolerance() {
     for steps in [1, 10, 100] {
         let errors = [1e-4, 1e-6, 1e-8, 1e-10].map(|tolerance| (tolerance, oscillator_error(tolerance, steps)));
         for (tolerance, error) in errors {
-            // The error of a substep is tolerance or less, and some 100 substeps at most add up on this circle.
+            // The error of a substep is within the tolerance, and at most some 100 substeps add up on this orbit.
             assert!(error < 100.0 * tolerance, "{steps} steps, tolerance {tolerance:e}: error {error:e}");
         }
     }
@@ -204,7 +204,7 @@ fn input_derivatives_make_a_linear_input_exact() {
 #[test]
 fn extrapolation_makes_a_linear_input_exact_after_its_first_step() {
     let run = sampled_ramp("input_handling = \"extrapolate\"", |_, _| {});
-    // One value gives no line: in the first step it is held.
+    // One value gives no line, so the first step has a zero-order hold.
     let (t, q1, p1) = (STEPS as f64 * H, H * ramp(0.0), lag(0.0, ramp(0.0), 0.0, H));
     assert_near(run.get("q"), q1 + 0.7 * (t - H) - 0.2 * (t * t - H * H), "integral");
     assert_near(run.get("p"), lag(p1, ramp(H), -0.4, t - H), "lag");
@@ -249,12 +249,12 @@ fn a_masters_input_derivatives_win_over_input_handling_and_hold_for_one_step() {
         assert_near(run.get("y"), 2.0 + 10.0 * H, handling);
         let before = run.get("q");
         run.step(H);
-        // The input stays 2: held, on the line through 2 and 2, or ramped from 2 to 2.
+        // The input stays 2: by a zero-order hold, on the line through 2 and 2, or ramped from 2 to 2.
         assert_near(run.get("q") - before, 2.0 * H, handling);
     }
 }
 
-/// x' = −λ x + u through its own exact step. It says that its error is (h / limit)², and counts the substeps taken.
+/// x' = −λ x + u through its own exact step. It reports (h / limit)² as its error, and counts the accepted substeps.
 struct OwnStep {
     limit: ScalarOf<Parameter>,
     shortest: ScalarOf<Parameter>,

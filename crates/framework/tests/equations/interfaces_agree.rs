@@ -1,4 +1,4 @@
-//! One unit through both interfaces: the same motion, whoever integrates.
+//! One FMU through both interfaces: the motion is the same, whoever integrates.
 
 use adaptive_fmu::system::{Causality, Element, Section, Variability};
 use common::described::open_description;
@@ -12,7 +12,7 @@ fn put_inputs(unit: &Unit) {
     inputs.enumerate().for_each(|(k, input)| unit.put(&input.name(), 0.3 - 0.2 * k as f64));
 }
 
-/// What changes continuously.
+/// Continuous variables.
 fn continuous(unit: &Unit) -> impl Iterator<Item = Element<'_>> {
     let visible = unit.model.variables().visible();
     visible.filter(|e| e.variable.variability == Variability::Continuous && e.variable.is_real())
@@ -27,8 +27,8 @@ fn started(unit: Unit) -> Unit {
     unit
 }
 
-/// How long the comparison takes: while the fastest oscillation turns through 200 rad, where a unit has one; else 1 s, or
-/// the unit's experiment where that is shorter.
+/// Duration of the comparison: the fastest oscillation turns through 200 rad, if there is one; otherwise 1 s, or the
+/// FMU's experiment if that is shorter.
 fn duration(name: &str) -> f64 {
     let unit = started(Unit::from_text(&open_description(name)));
     if unit.model.variables().find("adaptation_frequency").is_none() {
@@ -44,9 +44,9 @@ fn duration(name: &str) -> f64 {
     t.min(stop)
 }
 
-/// Where the interfaces differ by more than 1e-6 of a variable's nominal value, or of its largest one where that is larger:
-/// with inputs that no plant answers, a controller's own signals may grow to thousands. What oscillates has derivatives
-/// that are faster by that. The unit for model exchange is integrated in so many substeps of one length.
+/// Variables for which the interfaces differ by more than 1e-6 of the nominal value, or of the largest value if that is
+/// larger: with inputs that no plant answers, a controller's own signals may grow to thousands. Derivatives of
+/// oscillations are faster by that. The FMU for model exchange is integrated in substeps of one length.
 fn differences(name: &str, substeps: f64) -> Vec<String> {
     let text = open_description(name);
     let (exchange, slave) = (Unit::exchange_from_text(&text), Unit::from_text(&text));
@@ -87,7 +87,7 @@ fn differences(name: &str, substeps: f64) -> Vec<String> {
 fn model_exchange_and_co_simulation_agree() {
     for name in sampled(sampled_names()) {
         let adapts = Unit::new(&name).model.variables().find("adaptation_frequency").is_some();
-        // The layer in which projection acts is stiff: an estimate that comes to its bound fast asks for short substeps.
+        // The layer in which projection acts is stiff: an estimate that reaches its bound fast needs short substeps.
         let substeps = if adapts { vec![20_000.0, 80_000.0] } else { vec![2000.0] };
         let mut found = Vec::new();
         let agree = substeps.into_iter().any(|substeps| {

@@ -156,7 +156,7 @@ fn a_kernel_of_another_model_is_refused() {
     assert!(Execution::new(model("TwoLinkRobot")).take_kernel(*kernel.kernel()));
 }
 
-/// As a solver is told: what it decomposes, and what it solves, times the solution is the right-hand side.
+/// Checks the solver: the matrix that it decomposes, times the solution, is the right-hand side.
 #[test]
 fn what_a_kernel_solves_is_the_solution() {
     let mut random = Random::new(30);
@@ -175,7 +175,7 @@ fn what_a_kernel_solves_is_the_solution() {
         let of_columns = sparsity.columns().iter().zip(&x).flat_map(|(rows, x)| rows.iter().map(move |row| (*row, *x)));
         of_columns.zip(&entries).for_each(|((row, x), entry)| found[row as usize] -= entry * x);
         assert!(found.iter().zip(&b).all(|(found, b)| (found - b).abs() < 1e-12), "{name}: {found:?}, not {b:?}");
-        // Where a pivot is lost, it says so: a diagonal of what the Jacobian holds there.
+        // It reports a lost pivot: a diagonal like that of the Jacobian there.
         let none = vec![0.0; entries.len()];
         assert!(!kernel.decompose(0.0, &none, &mut factors) && !kernel.decompose(f64::NAN, &entries, &mut factors));
     }
@@ -204,7 +204,7 @@ fn the_making_of_a_kernel_is_bounded() {
     assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
 }
 
-/// Whatever way a parameter comes to another value, numbers that stand in code are used no longer.
+/// Numbers folded into the code are no longer used after any change of a parameter.
 #[test]
 fn a_folded_kernel_is_left_as_soon_as_a_parameter_is_another() {
     let text = description("L1NonlinearSiso");

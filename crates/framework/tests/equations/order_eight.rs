@@ -9,8 +9,8 @@ thread_local! {
     static EVALUATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// Hardly damped oscillators beside each other, as the adaptation of L1 controllers has them: q'' = −2 d q' − ω² q, each from
-/// q = 1 at rest.
+/// Lightly damped oscillators, like those of the adaptation of L1 controllers: q'' = −2 d q' − ω² q, each from q = 1 at
+/// rest.
 struct Oscillators {
     frequencies: VectorOf<Parameter>,
     damping: ScalarOf<Parameter>,

@@ -1,4 +1,4 @@
-//! What a user reads is as accurate as the tolerance says, not the states alone: outputs of whole loops.
+//! The tolerance is valid for outputs of loops, not for states only.
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::system::{Causality, Section, Variability};
@@ -8,7 +8,7 @@ use common::loops::whole;
 const STEP: f64 = 0.01;
 const POINTS: usize = 100;
 
-/// The continuous outputs of a loop as one unit that aren't states, at each point of a second.
+/// The continuous outputs of a loop as a single FMU that aren't states, at each point of a second.
 fn outputs(name: &str, method: &str, tolerance: f64) -> Vec<Vec<f64>> {
     let start = format!("\n[start]\nintegration_method = '{method}'\nrelative_tolerance = {tolerance:e}\n");
     let mut execution = Execution::new(model(&whole(name).replace("\n[start]\n", &start)).unwrap());

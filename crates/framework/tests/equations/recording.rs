@@ -13,13 +13,13 @@ use common::random::Random;
 use common::sample::{sampled, sampled_names};
 use common::{description, description_names};
 
-/// The loops of this package, each as one unit.
+/// The loops of this package, each as a single FMU.
 pub fn whole_loops() -> Vec<Model> {
     let model = |name: String| Model::from_description(Description::read(&whole(&name)).unwrap(), REGISTRY).unwrap();
     loop_names().into_iter().map(model).collect()
 }
 
-/// How often a condition is tried that random points leave as it is: in a unit, and in a whole loop, whose parts are units.
+/// Tries for a condition that random points don't change: in an FMU, and in a composite, whose parts are FMUs.
 const TRIES: [usize; 2] = [300, 10];
 
 /// A place to evaluate a method at.
@@ -82,7 +82,7 @@ impl Draw {
         Draw { time, step: 0.1 * random.next().abs(), block, crossed }
     }
 
-    /// As a recording is given it.
+    /// Arguments of a recording.
     pub fn given(&self) -> Given<'_> {
         let Draw { time, step, block, crossed } = self;
         Given { time: *time, step: *step, reals: &block.reals, integers: &block.integers, crossed }
@@ -154,7 +154,7 @@ impl Draw {
         Draw { time, step, block, crossed }
     }
 
-    /// What the generic equations make of it.
+    /// Result of the generic equations.
     pub fn generic(&self, model: &Model, method: Method) -> (Block, Vec<f64>) {
         let (variables, equations, t) = (model.variables(), model.equations(), self.time);
         let (mut block, mut results, mut log) = (self.block.clone(), Vec::new(), MessageLog::new());
@@ -188,7 +188,7 @@ pub fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
 
-/// Which selections of a recording went which way, by their conditions.
+/// Results of a recording's conditions: false, true or both.
 #[derive(Default)]
 struct Branches(BTreeMap<Node, [bool; 2]>);
 
@@ -201,7 +201,7 @@ impl Branches {
         }
     }
 
-    /// The conditions that always or never held.
+    /// The conditions that were always or never true.
     fn missed(&self) -> Vec<Node> {
         self.0.iter().filter(|(_, seen)| !(seen[0] && seen[1])).map(|(condition, _)| *condition).collect()
     }
@@ -236,7 +236,8 @@ impl<'a> Compared<'a> {
         }
     }
 
-    /// Looks for what random points didn't reach: what a condition that always or never held depends on is changed alone.
+    /// Looks for results that random points didn't reach: changes only the variables of conditions always or never
+    /// true.
     fn at_what_is_missed(&mut self, draws: &[Draw], tries: usize, random: &mut Random) {
         for condition in self.branches.missed() {
             let leaves = self.recording.tape.dependence(&[condition], |_| true).concat();
@@ -276,8 +277,8 @@ fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         let (all, missed, of_parameters) = compare(&model, &mut random, (400, TRIES[0]));
         println!("{name}: {missed} of {all} conditions went one way only");
-        // What is left can't go the other way: the start within its limits, an item that a law doesn't have; pivots of the matrix
-        // exponential of a sampled model, which stand in three methods.
+        // The remaining ones can't change: the start within its limits, an item that a controller lacks, and pivots of
+        // the matrix exponential of a sampled model, in three methods.
         let others = missed - missed.min(3 * of_parameters);
         assert!(others <= 10.max(all / 10), "{name}: {others} of {all}, {of_parameters} of parameters");
     }

@@ -1,4 +1,4 @@
-//! What follows from parameters by arithmetic, and the relations that they keep: beside the design, in parts, in a recording.
+//! Relations of parameters and their consequences: in the design, in parts, in a recording.
 
 use adaptive_fmu::execution::Execution;
 use adaptive_fmu::model::{Description, Model};

@@ -1,4 +1,4 @@
-//! A unit's C source says what its equations say: compiled, it gives the same bits.
+//! Compiled C source of an FMU gives the same bits as its equations.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -40,11 +40,11 @@ fn compiled(model: &Model, folder: &Path, optimised: &str) -> PathBuf {
 
 type Carry = unsafe extern "C" fn(i32, f64, f64, *const u8, *mut f64, *mut i32, *mut f64);
 
-/// Functions of the harness beside those of methods, by their numbers.
+/// Functions of the harness in addition to those of methods, by their numbers.
 const DIRECTIONAL: i32 = 9;
 const JACOBIAN: i32 = 11;
 
-/// What the C functions make of a point, and of results to begin with.
+/// Results of the C functions at a point, from initial results.
 fn carried(library: &Library, function: i32, draw: &Draw, mut results: Vec<f64>) -> (Block, Vec<f64>) {
     let mut block = draw.block.clone();
     let crossed: Vec<u8> = draw.crossed.iter().map(|crossed| u8::from(*crossed)).collect();

@@ -301,7 +301,7 @@ fn a_system_of_fifty_states_goes_by_the_stiff_method_when_that_pays() {
     let mut execution = many(50);
     (0..200).for_each(|k| execution.step(f64::from(k), 1.0).map(|_| ()).unwrap());
     let evaluations = evaluations();
-    // The explicit method alone would take 3e5: six every 3.3 ms.
+    // The explicit method would take 3e5: six every 3.3 ms.
     assert!(is_stiff(&execution) && evaluations < 20_000, "{evaluations} evaluations");
     let error = (execution.block().reals[execution.model().variables().reals(Section::State)][0] - 200_f64.cos()).abs();
     assert!(error < 2e-3, "within its lag of 1 ms: {error}");

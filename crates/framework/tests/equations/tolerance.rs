@@ -59,10 +59,10 @@ fn shown(run: &Run) -> Vec<usize> {
     wanted.map(|element| variables.index(element)).collect()
 }
 
-/// What a unit shows at the end of each step, with inputs that move a little.
+/// Visible signals of an FMU at the end of each step, with inputs that move a little.
 fn motion(run: &mut Run) -> Vec<Vec<f64>> {
     let places = shown(run);
-    // What has no fast adaptation inside takes its own step at once, whatever the tolerance.
+    // Without fast adaptation, its own step is one substep at any tolerance.
     let adapts = run.0.model().variables().find("adaptation_frequency").is_some();
     let step = run.0.model().description().experiment.step * if adapts { 1.0 } else { LONGER };
     let inputs: Vec<_> = run.0.model().variables().reals(Section::Input).collect();

@@ -1,4 +1,4 @@
-//! Wrong arguments: refused with a message that says what, where and why, and without any effect.
+//! Wrong arguments are refused without any effect, with a message that names the error, its place and reason.
 
 use std::ptr::{null, null_mut};
 

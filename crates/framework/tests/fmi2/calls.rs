@@ -1,4 +1,4 @@
-//! Which function may be called when: every function in every phase (see common::standard).
+//! Allowed calls: every function in every phase (see common::standard).
 
 use std::ptr::{null, null_mut};
 

@@ -5,7 +5,7 @@ use adaptive_fmu::library::REGISTRY;
 use common::described::model;
 use common::{OK, Unit, description, description_names};
 
-/// 1 s, or the unit's own experiment where that is shorter: a plant that needs its controller says so.
+/// Duration: 1 s, or the FMU's own experiment if that is shorter, as for a plant that needs its controller.
 fn duration(unit: &Unit) -> f64 {
     unit.model.description().experiment.stop_time.min(1.0)
 }

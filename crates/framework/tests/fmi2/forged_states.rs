@@ -12,10 +12,10 @@ use common::systems::SquareIntegral;
 use common::{ERROR, OK, Unit, description, description_names};
 
 const CHECKSUM: Range<usize> = 12..16;
-/// What a buffer holds that isn't written.
+/// Value of a buffer that isn't written.
 const BLANK: f64 = 7.25;
 
-/// Where in a serialised state the real values begin: integers, and nothing else, follow these.
+/// Place of the first real value in a serialised state: only integers follow the real ones.
 fn first_real(unit: &Unit, state: &[u8]) -> usize {
     let variables = unit.model.variables();
     state.len() - 8 * variables.reals(Section::Memory).end - 4 * variables.integers(Section::Memory).end

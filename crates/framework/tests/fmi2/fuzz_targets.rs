@@ -4,7 +4,7 @@ use adaptive_fmu::exporter::write_entries;
 use common::random::Random;
 use common::{description, description_folder, description_names, fuzz};
 
-/// With a few bytes changed, cut out, doubled, or put elsewhere.
+/// The bytes with a few of them changed, cut out, doubled, or moved.
 fn mutated(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut below = |n: usize| ((random.next() + 1.0) / 2.0 * n as f64) as usize % n.max(1);
     let mut changed = bytes.to_vec();

@@ -16,7 +16,7 @@ use adaptive_fmu_library::fmi2_functions::*;
 use common::{OK, description, description_names, guid};
 
 const STEPS: i32 = 20;
-/// That of the exported functions, whose units are compared with those of the others.
+/// Library of the exported functions, whose FMUs are compared with those of the others.
 const LIBRARY: Library = Library { registry: REGISTRY, source: SOURCE, build: &[] };
 
 /// Control and flags of SSE, and control of the x87 unit.
@@ -57,7 +57,7 @@ impl HostState {
     }
 }
 
-/// How calls are made: in a state of the host, or at a function's inside, looking for what it raises.
+/// Kind of calls: in a state of the host, or of inner functions, to check the exceptions that they raise.
 #[derive(Debug, Clone, Copy)]
 enum Way {
     InState(HostState),
@@ -75,11 +75,11 @@ struct Life {
     wrong: Vec<String>,
 }
 
-/// What the inside of a call may not raise: an invalid operation, and a division by zero.
+/// Exceptions that inner functions may not raise: an invalid operation, and a division by zero.
 const WRONG_INSIDE: u32 = 1 | 1 << 2;
 
 impl Life {
-    /// One call, which is given here in its exported form and as what that calls.
+    /// Makes one call, given as the exported function and as its inner one.
     fn call<T>(&mut self, name: &str, exported: impl FnOnce(Component) -> T, inside: impl FnOnce(Component) -> T) -> T {
         let c = self.component;
         match self.way {
@@ -311,7 +311,7 @@ impl Life {
     }
 }
 
-/// From instantiation to the end.
+/// Lifetime from instantiation to the end.
 fn lived(name: &str, kind: i32, way: Way) -> Life {
     let mut life = Life::instantiate(name, kind, way);
     life.start();
@@ -347,7 +347,7 @@ fn every_unit_computes_the_same_bits_in_any_state_of_the_host_and_leaves_it_as_i
     });
 }
 
-/// What the next test runs in a process of its own, which an exception would end.
+/// Test for a process of its own, which an exception would end; the next test starts it.
 #[test]
 #[ignore = "run by the next test"]
 fn every_unit_in_a_trapping_host() {

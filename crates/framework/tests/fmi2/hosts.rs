@@ -21,7 +21,7 @@ const THROW: c_int = 1;
 const JUMP: c_int = 2;
 const GET: c_int = 3;
 
-/// How a call came back.
+/// Ends of a call.
 const RETURNED: c_int = 0;
 const THROWN: c_int = 1;
 const JUMPED: c_int = 2;

@@ -1,4 +1,4 @@
-//! What fmi2Instantiate takes and what it refuses. A refusal is NULL with a message, never a crash.
+//! Arguments that fmi2Instantiate accepts and refuses. A refusal is NULL with a message, never a crash.
 
 use std::cell::RefCell;
 use std::path::Path;

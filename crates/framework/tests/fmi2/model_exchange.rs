@@ -31,7 +31,7 @@ fn values_are_those_of_the_time_states_and_inputs_that_the_master_has_set() {
         assert_eq!((unit.get("y[1]"), unit.derivatives()[0], unit.get("der(x[1])")), (x[0], x[1], x[1]));
         assert_eq!(unit.states(), x);
     }
-    // In any order, and after each alone.
+    // Values are right for calls in any order, and after each single one.
     unit.put("u[1]", 0.7);
     assert!((unit.get("der(x[2])") - plant(2.0, [0.0, 0.1], 0.7)).abs() < 1e-14);
     assert_eq!(unit.set_time(3.0), OK);

@@ -34,7 +34,7 @@ impl System for Panicking {
     }
 }
 
-/// What equations are not to look at.
+/// Access that equations should not have.
 fn number<S: Scalar>(value: S) -> Option<f64> {
     (&value as &dyn std::any::Any).downcast_ref().copied()
 }
@@ -152,7 +152,7 @@ fn a_fault_in_one_thread_does_not_reach_another() {
     threads.into_iter().for_each(|thread| thread.join().unwrap());
 }
 
-/// What the next test runs in a process of its own.
+/// Test for a process of its own; the next test starts it.
 #[test]
 #[ignore = "run by the next test"]
 fn faults_of_all_sorts() {

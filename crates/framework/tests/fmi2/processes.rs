@@ -9,7 +9,7 @@ use common::described::open_description;
 use common::*;
 
 const STEPS: usize = 10;
-/// Where the two processes meet.
+/// Variable with the folder that both processes share.
 const FOLDER: &str = "ADAPTIVE_FMU_STATES";
 
 fn unit(name: &str, kind: i32) -> Unit {
@@ -58,7 +58,7 @@ fn every_unit(visit: impl Fn(&str, i32, &str)) {
     }
 }
 
-/// What the next test runs in a process of its own.
+/// Test for a process of its own; the next test starts it.
 #[test]
 #[ignore = "run by the next test"]
 fn the_other_process() {

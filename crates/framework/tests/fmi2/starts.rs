@@ -74,7 +74,7 @@ fn derivatives_of_the_start_are_those_of_its_values() {
     assert!(all > 10_000, "{all}");
 }
 
-/// What a value's start is told to depend on is all that ever changes it.
+/// A start value changes only with its declared dependencies.
 #[test]
 fn nothing_untold_changes_the_start() {
     let mut random = Random::new(8);
@@ -139,7 +139,7 @@ fn no_loop_is_circular_at_its_start() {
     for folder in folders {
         let mut graph = graph(folder.file_name().unwrap().to_str().unwrap());
         count += 1;
-        // What follows from nothing that is left is known; a circle is what never is.
+        // A value that depends on none of the rest is known; an algebraic loop never is.
         while !graph.is_empty() {
             let known: BTreeSet<_> = graph
                 .iter()

@@ -48,7 +48,7 @@ fn a_communication_point_within_a_thousandth_of_the_step_is_accepted_and_adopted
     }
 }
 
-/// What was logged of communication points that aren't the sums of the steps.
+/// Log messages on communication points that aren't the sums of the steps.
 fn told_of_points(unit: &Unit) -> Vec<String> {
     let adopted = |(status, category, text): (i32, String, String)| {
         (status == Status::Warning as i32 && category == "logStatusWarning").then_some(text)
@@ -63,7 +63,7 @@ fn clocks_of_single_precision_and_of_whole_microseconds_are_followed_and_logged_
     let clocks: [(&dyn Fn(f64) -> f64, f64); 3] =
         [(&single, 1e-3), (&single, 1.0 / 30.0), (&microseconds, 1.0 / 700.0)];
     for (read, step) in clocks {
-        // A start that such a clock can't tell exactly, and now and then a reset: an instance logs it once.
+        // With a start that such a clock can't represent exactly, and resets, an instance logs it once.
         let (unit, start) = (clock(), 0.7);
         for _ in 0..2 {
             unit.start(start);

@@ -1,4 +1,4 @@
-//! Many instances in many threads: each goes on as if it were alone.
+//! Many instances in many threads: each behaves as if it were the only one.
 
 use std::sync::{Barrier, Mutex};
 
@@ -33,7 +33,7 @@ fn units() -> Vec<Handed> {
     made.collect()
 }
 
-/// One step; every eighth time the unit is brought back to where it was, and makes the step again.
+/// Makes one step; every eighth time the state is restored, and the step repeated.
 fn advance(unit: &Unit, round: usize) {
     let step = unit.model.description().experiment.step;
     let saved = (round % 8 == 7).then(|| unit.save());

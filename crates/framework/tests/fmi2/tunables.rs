@@ -196,7 +196,7 @@ fn a_step_that_fails_takes_nothing_over() {
 fn bounds_tuned_while_running_need_not_hold_an_estimates_start_value() {
     let [units, _] = twins();
     let unit = &units.controller;
-    // The plant's input gain is 2 ± .2; the estimate's start value of 1 is long gone.
+    // The plant's input gain is 2 ± 0.2; the estimate has long left its start value of 1.
     unit.put("omega_min[1,1]", 1.75);
     unit.put("omega_max[1,1]", 2.25);
     assert_eq!(unit.step(NOW, STEP), OK, "{:?}", unit.messages());

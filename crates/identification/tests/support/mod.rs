@@ -29,7 +29,7 @@ impl Random {
         (-2.0 * u.ln()).sqrt() * (2.0 * std::f64::consts::PI * v).cos()
     }
 
-    /// Levels that are held for random times of at most so many rows.
+    /// Piecewise constant levels for random times of at most `longest` rows.
     pub fn levels(&mut self, rows: usize, longest: usize) -> Vec<f64> {
         let mut all = Vec::new();
         while all.len() < rows {
@@ -89,7 +89,7 @@ impl Plant {
         [whole.view((0, 0), (n, n)).into_owned(), whole.view((0, n), (n, m + 1)).into_owned()]
     }
 
-    /// States at these times from an initial state, inputs held between them.
+    /// States at these times from an initial state, with a zero-order hold of the inputs.
     pub fn simulate(&self, time: &[f64], u: &[Vec<f64>], start: &[f64]) -> Vec<Vec<f64>> {
         let mut x = DVector::from_column_slice(start);
         let mut all = vec![Vec::new(); start.len()];
@@ -209,7 +209,7 @@ pub fn refusal(result: Result<Identified, Refusal>) -> (Cause, String) {
     (refusal.cause, refusal.text)
 }
 
-/// Identifies the first signal alone, as an output.
+/// Identifies only the first signal, as an output.
 pub fn of_output(records: &[Record], held_out: Option<&[Record]>, options: &Options) -> Result<Identified, Refusal> {
     identify_outputs(records, held_out, &signals(1, 1), options)
 }

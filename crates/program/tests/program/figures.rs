@@ -1,4 +1,4 @@
-//! What figures show of tracking: references dashed and beneath, in the colour of what follows them, and no two curves alike.
+//! Figures of tracking: references are dashed, beneath, in the colour of their signals; no two curves look alike.
 
 use std::collections::HashSet;
 use std::time::Duration;

@@ -42,7 +42,7 @@ fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
     assert_eq!(told.len(), 1, "{:?}", wiring.notes);
     assert_tells(told[0], &["`one` does not declare", "one.alarm → one.enabled → one.alarm", "previous exchange"]);
     assert!(wiring.circular);
-    // What is integrated as one unit exchanges nothing.
+    // A single FMU exchanges nothing.
     let (structure, unit) = (folder.structure().unwrap(), ModelDescription::read(UNIT).unwrap());
     let refusal = check(&structure, &[&unit, &unit], Circles::Refused).unwrap_err().to_string();
     assert_tells(&refusal, &["algebraic loop", "one.alarm → one.enabled → one.alarm"]);
@@ -221,7 +221,7 @@ fn a_single_value_names_a_unit_that_is_there_and_means_one() {
     structure.components[1].fmu = "B".to_owned();
     structure.set("B.gain=8").unwrap();
     assert_eq!(structure.components[1].values[0].text, "8");
-    // Without a unit it is of the loop as one unit, which separate ones have not.
+    // A name without a component belongs to the composite, not to separate FMUs.
     structure.set("gain=1").unwrap();
     let refusal =
         LoadedLoop::new(&structure, Path::new(""), &adaptive_fmu::fmu::Hosting::InProcess).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Loops as others write them: units by their texts alone, systems within systems, mappings of parameters.
+//! Loops of other tools: only texts of FMUs, systems within systems, mappings of parameters.
 
 use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;

@@ -1,4 +1,4 @@
-//! What the program does: loops, their structure and figures, claims of the thesis; and what knows what in its sources.
+//! Tests of the program: loops, their structure and figures, claims of the thesis; and dependencies within its sources.
 
 mod figures;
 mod loops;

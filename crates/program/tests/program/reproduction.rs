@@ -1,4 +1,4 @@
-//! What `report` says of the thesis: every claim is about something that its runs measure.
+//! Claims of `report` about the thesis: each concerns a metric of its runs.
 
 use adaptive_fmu::reproduction::{Figure, Outcome, Run, Study};
 use adaptive_fmu::structure::{LoopFiles, Structure};

@@ -99,7 +99,7 @@ impl Folder {
         self.structure().and_then(|structure| wiring(&structure))
     }
 
-    /// Why the loop is refused.
+    /// Reason why the loop is refused.
     pub fn refusal(&self) -> String {
         self.wiring().expect_err("the loop was taken")
     }

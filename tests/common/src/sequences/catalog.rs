@@ -1,4 +1,4 @@
-//! What a master knows of a unit's variables from its modelDescription.xml.
+//! Variables of an FMU as a master knows them from its modelDescription.xml.
 
 use adaptive_fmu::fmi2::access::References;
 use adaptive_fmu::model::Model;

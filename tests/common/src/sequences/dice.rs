@@ -1,6 +1,6 @@
 //! Choices, arguments included, out of a number: 0 is the simplest call, so that a failing one can be made simpler.
 
-/// One call is one number; each choice takes its part of it.
+/// Random choices of a call: one number, of which each choice takes its part.
 pub struct Dice(pub u128);
 
 impl Dice {

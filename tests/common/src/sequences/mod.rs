@@ -22,7 +22,7 @@ use dice::Dice;
 use saved::Saved;
 pub use tally::Tally;
 
-/// What is called mostly in each phase; anything else is called, too.
+/// Frequent functions of each phase; any other is called, too.
 const USUAL: [(char, &[&str]); 8] = [
     ('I', &["fmi2EnterInitializationMode", "fmi2SetReal", "fmi2SetupExperiment", "fmi2SetInteger", "fmi2SetBoolean"]),
     ('M', &["fmi2ExitInitializationMode", "fmi2ExitInitializationMode", "fmi2SetReal", "fmi2GetReal", "fmi2Reset"]),
@@ -67,10 +67,10 @@ const USUAL: [(char, &[&str]); 8] = [
     ('E', &["fmi2SetFMUstate", "fmi2SetFMUstate", "fmi2Reset", "fmi2GetReal"]),
 ];
 
-/// What bytes of a state come in by.
+/// Functions that take bytes of a state.
 const STATES: [&str; 3] = ["fmi2DeSerializeFMUstate", "fmi2SetFMUstate", "fmi2GetFMUstate"];
 
-/// True if the arguments of a call are right, as far as the standard and the modelDescription.xml tell.
+/// Correctness of a call's arguments, as far as the standard and the modelDescription.xml determine it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arguments {
     Right,
@@ -85,7 +85,7 @@ impl Arguments {
     }
 }
 
-/// Where an instance is, as the calls so far make it.
+/// State of an instance after the calls so far.
 #[derive(Debug, Clone, PartialEq)]
 struct Mark {
     phase: char,
@@ -166,7 +166,7 @@ struct Sequence<'a> {
 }
 
 impl Sequence<'_> {
-    /// One call, of whatever function.
+    /// Calls any function.
     fn any(&mut self, mut dice: Dice) {
         let usual = USUAL.iter().find(|(phase, _)| *phase == self.now.phase).map_or(&[][..], |(_, names)| names);
         let name = match dice.below(20) {
@@ -274,7 +274,7 @@ impl Sequence<'_> {
         }
     }
 
-    /// What a unit is like after a state, without asking for anything that has to be computed.
+    /// Values of an FMU after a state, without any that must be computed.
     fn read(&self, unit: &Unit, wanted: impl Fn(&catalog::Entry) -> bool) -> (Status, Vec<u64>) {
         let references: Vec<u32> =
             self.subject.catalog.reals.iter().filter(|e| wanted(e)).map(|e| e.reference).collect();

@@ -8,7 +8,7 @@ use adaptive_fmu_library::fmi2_functions::*;
 use super::dice::Dice;
 use super::{Arguments, Mark, OK, Sequence};
 
-/// As many states as are kept at a time.
+/// The most saved states at a time.
 const MOST: usize = 6;
 
 /// A saved state, as the master holds it, and where the instance was.
@@ -28,8 +28,8 @@ impl Sequence<'_> {
         }
     }
 
-    /// What a master may hold for a state: one of its own, mostly, with its place; else freed, of another instance,
-    /// never given, or NULL.
+    /// A handle that a master may have: mostly one of its own states, with its place; otherwise a freed one, one of
+    /// another instance, an invalid one, or NULL.
     fn handle(&self, dice: &mut Dice) -> (FmuState, Option<usize>) {
         let own = dice.below(self.saved.len().max(1));
         match dice.below(12) {
@@ -63,7 +63,7 @@ impl Sequence<'_> {
         self.keep_few();
     }
 
-    /// Frees the oldest where there are more than are kept.
+    /// Frees the oldest of too many saved states.
     fn keep_few(&mut self) {
         if self.saved.len() > MOST {
             let oldest = self.saved.remove(0).handle;

@@ -1,4 +1,4 @@
-//! How many calls were made, and how they were answered.
+//! Counts of calls and of their results.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,11 +13,11 @@ const HANG: Duration = Duration::from_secs(300);
 /// Calls so far.
 #[derive(Default)]
 pub struct Tally {
-    /// By function: answered with OK, with Discard, with an error.
+    /// Results by function: OK, Discard, error.
     answers: BTreeMap<&'static str, [u64; 3]>,
     /// Serialised states that were corrupted, cut short, or of another unit.
     pub corrupted: u64,
-    /// How often a sequence went on, back, and on again.
+    /// Number of times that a sequence went on, back, and on again.
     pub continued: u64,
     longest: Duration,
     /// The calls that led to it.

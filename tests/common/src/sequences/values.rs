@@ -11,7 +11,7 @@ use super::catalog::Entry;
 use super::dice::Dice;
 use super::{Arguments, OK, Sequence};
 
-/// What stands in a buffer that is to be written, and behind its end.
+/// Value of a buffer before it is written, and after its end.
 const BLANK: f64 = 7.25;
 
 /// A few variables as arguments.
@@ -91,7 +91,7 @@ impl Sequence<'_> {
         if status == Some(OK) && name == "fmi2GetBoolean" {
             self.expect(integers[..count].iter().all(|&value| value == TRUE || value == FALSE), "Booleans are 0 or 1");
         }
-        // Where a rate is none, the next step tells; that of the start may follow from inputs that are yet to be set.
+        // The next step reports a rate of NaN; one at the start may depend on inputs that are still to be set.
         let stands = self.stands() && entries.iter().all(|entry| !entry.rate);
         self.expect(!stands || status.is_none_or(|status| status == OK), "values are numbers between steps");
     }
@@ -215,7 +215,7 @@ impl Sequence<'_> {
     pub(super) fn directional_derivative(&mut self, dice: &mut Dice) {
         let name = "fmi2GetDirectionalDerivative";
         let unknowns = self.pick(name, dice, Entry::calculated);
-        // A start follows from inputs alone.
+        // A start depends on inputs only.
         let starts = self.now.phase == 'M';
         let knowns = self.pick(name, dice, |entry| entry.causality == Causality::Input || entry.state && !starts);
         let mut right = unknowns.right && knowns.right;
@@ -278,7 +278,7 @@ impl Sequence<'_> {
         }
     }
 
-    /// What is told of steps that are never asynchronous.
+    /// Status of steps, which are never asynchronous.
     pub(super) fn status(&mut self, name: &'static str, dice: &mut Dice) {
         let kind = dice.pick(&[status_kind::LAST_SUCCESSFUL_TIME, status_kind::TERMINATED, 0, 1, -1, c_int::MAX]);
         let (mut time, mut flag, mut text) = (BLANK, 77, c"".as_ptr());

@@ -1,4 +1,4 @@
-//! What the standard allows is no error.
+//! Files that the standard allows have no errors.
 
 use super::*;
 

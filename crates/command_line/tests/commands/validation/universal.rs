@@ -47,7 +47,7 @@ fn universal(slices: &[Vec<u8>], wide: bool) -> Vec<u8> {
     [header, content].concat()
 }
 
-/// What is found of a library for macOS.
+/// Findings for a library of macOS.
 fn found_of(library: Vec<u8>) -> Vec<String> {
     let (_folder, file) = packed(&[
         ("modelDescription.xml".to_owned(), description("").into_bytes()),
