@@ -405,7 +405,7 @@ fn number(report: &DesignReport, name: &str) -> f64 {
     }
 }
 
-/// At 10 ms with a sample of dead time the loop tolerates nominal input gains of 0.7 to 2 times the right one, not 0.5,
+/// The loop at 10 ms with a sample of dead time tolerates nominal input gains 0.7 to 2 times the right one, not 0.5 or
 /// 3.
 #[test]
 fn the_report_tells_what_input_gains_and_dead_times_the_loop_bears() {

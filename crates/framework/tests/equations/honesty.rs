@@ -221,8 +221,8 @@ fn a_step_arrives_where_the_equations_lead_or_is_refused() {
     survey_all(4);
 }
 
-/// The same with `HONESTY_STEPS` steps: `TEST_ALL=1 cargo test --release --test equations honesty:: -- --ignored
-/// --nocapture`.
+/// The same with `HONESTY_STEPS` steps:
+/// `TEST_ALL=1 cargo test --release --test equations honesty:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "takes minutes"]
 fn any_number_of_steps_arrives_where_the_equations_lead_or_is_refused() {
