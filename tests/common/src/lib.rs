@@ -8,6 +8,7 @@ pub mod described;
 pub mod drawn;
 pub mod exact;
 pub mod exchange;
+pub mod fmi3;
 pub mod fuzz;
 pub mod limited_loop;
 pub mod loops;

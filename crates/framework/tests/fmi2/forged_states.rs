@@ -5,8 +5,9 @@ use std::ops::Range;
 
 use adaptive_fmu::fmi2::types::*;
 use adaptive_fmu::library::REGISTRY;
-use adaptive_fmu::system::{Causality, Section};
-use adaptive_fmu_library::fmi2_functions::*;
+use adaptive_fmu::system::{Causality, Section, Variables};
+use adaptive_fmu_library::{fmi2_functions::*, fmi3_functions::*};
+use common::fmi3::Instance;
 use common::random::Random;
 use common::systems::SquareIntegral;
 use common::{ERROR, OK, Unit, description, description_names};
@@ -16,21 +17,27 @@ const CHECKSUM: Range<usize> = 12..16;
 const BLANK: f64 = 7.25;
 
 /// Place of the first real value in a serialised state: only integers follow the real ones.
-fn first_real(unit: &Unit, state: &[u8]) -> usize {
-    let variables = unit.model.variables();
+fn first_real(variables: &Variables, state: &[u8]) -> usize {
     state.len() - 8 * variables.reals(Section::Memory).end - 4 * variables.integers(Section::Memory).end
+}
+
+/// A state with a number at a place of the block.
+fn with_real(variables: &Variables, state: &[u8], place: usize, value: f64) -> Vec<u8> {
+    with_bytes(state, first_real(variables, state) + 8 * place, &value.to_le_bytes())
 }
 
 /// Puts a number into a state at a place of the block, and the unit there.
 fn forge(unit: &Unit, state: &[u8], place: usize, value: f64) {
-    let mut state = state.to_vec();
-    let first = first_real(unit, &state) + 8 * place;
-    state[first..first + 8].copy_from_slice(&value.to_le_bytes());
-    let checksum = crc32fast::hash(&state[CHECKSUM.end..]).to_le_bytes();
-    state[CHECKSUM].copy_from_slice(&checksum);
-    let (status, saved) = unit.deserialise(&state);
+    let (status, saved) = unit.deserialise(&with_real(unit.model.variables(), state, place, value));
     assert_eq!((status, unit.restore(saved)), (OK, OK));
     assert_eq!(unit.free(saved), OK);
+}
+
+/// True if a function hands out so many numbers, or refuses and writes nothing.
+fn hands_out_numbers(count: usize, call: &dyn Fn(*mut f64) -> Status) -> bool {
+    let mut values = vec![BLANK; count];
+    let status = call(values.as_mut_ptr());
+    if status == OK { values.iter().all(|v| v.is_finite()) } else { values.iter().all(|v| *v == BLANK) }
 }
 
 /// Reals that may be asked for: all, and outputs, derivatives of which may be.
@@ -60,11 +67,7 @@ impl Asked {
         let (states, indicators) = (variables.states(), unit.model.variables().indicators().len());
         let mut broken = Vec::new();
         let mut look = |name, count: usize, call: &dyn Fn(*mut f64) -> Status| {
-            let mut values = vec![BLANK; count];
-            let status = call(values.as_mut_ptr());
-            let good =
-                if status == OK { values.iter().all(|v| v.is_finite()) } else { values.iter().all(|v| *v == BLANK) };
-            if !good {
+            if !hands_out_numbers(count, call) {
                 broken.push(name);
             }
         };
@@ -106,8 +109,8 @@ fn running(unit: &Unit, kind: i32, step: f64) -> f64 {
 }
 
 /// Every place of the smaller blocks, and some of each larger one.
-fn places(unit: &Unit) -> Vec<usize> {
-    let end = unit.model.variables().reals(Section::Memory).end;
+fn places(variables: &Variables) -> Vec<usize> {
+    let end = variables.reals(Section::Memory).end;
     let mut random = Random::new(7);
     let any = |_| (0.5 * (random.next() + 1.0) * end as f64) as usize % end;
     if end <= 120 { (0..end).collect() } else { (0..120).map(any).collect() }
@@ -122,7 +125,7 @@ fn what_a_forged_state_holds_is_not_handed_out_as_a_number() {
         // Time, states and their neighbours lie where what follows from them is handed out.
         let variables = unit.model.variables();
         let (reals, memory) = (variables.reals(Section::State), variables.reals(Section::Memory));
-        for place in places(&unit).into_iter().chain(reals).chain(memory) {
+        for place in places(variables).into_iter().chain(reals).chain(memory) {
             for value in [f64::NAN, f64::INFINITY] {
                 forge(&unit, &state, place, value);
                 let broken = asked.broken(&unit);
@@ -138,6 +141,73 @@ fn what_a_forged_state_holds_is_not_handed_out_as_a_number() {
             }
         }
         unit.messages();
+    }
+}
+
+/// Functions of FMI 3.0 that hand out what is no number.
+fn broken_in_fmi3(instance: &Instance) -> Vec<&'static str> {
+    let (c, states) = (instance.component, instance.model.variables().states());
+    let indicators = instance.model.variables().indicators().len();
+    let (all, values_of_all) = instance.references(|_| true);
+    let (outputs, of_outputs) = instance.references(|causality| causality == Causality::Output);
+    let (inputs, of_inputs) = instance.references(|causality| causality == Causality::Input);
+    let (orders, seed) = (vec![1; outputs.len()], vec![1.0; of_inputs.max(of_outputs)]);
+    let mut broken = Vec::new();
+    let mut look = |name, count: usize, call: &dyn Fn(*mut f64) -> Status| {
+        if !hands_out_numbers(count, call) {
+            broken.push(name);
+        }
+    };
+    let (out, outs, into, ins) = (outputs.as_ptr(), outputs.len(), inputs.as_ptr(), inputs.len());
+    look("fmi3GetFloat64", values_of_all, &|v| unsafe { fmi3GetFloat64(c, all.as_ptr(), all.len(), v, values_of_all) });
+    look("fmi3GetFloat64 of outputs", of_outputs, &|v| unsafe { fmi3GetFloat64(c, out, outs, v, of_outputs) });
+    look("fmi3GetOutputDerivatives", of_outputs, &|v| unsafe {
+        fmi3GetOutputDerivatives(c, out, outs, orders.as_ptr(), v, of_outputs)
+    });
+    look("fmi3GetDirectionalDerivative", of_outputs, &|v| unsafe {
+        fmi3GetDirectionalDerivative(c, out, outs, into, ins, seed.as_ptr(), of_inputs, v, of_outputs)
+    });
+    look("fmi3GetAdjointDerivative", of_inputs, &|v| unsafe {
+        fmi3GetAdjointDerivative(c, out, outs, into, ins, seed.as_ptr(), of_outputs, v, of_inputs)
+    });
+    look("fmi3GetContinuousStateDerivatives", states, &|v| unsafe { fmi3GetContinuousStateDerivatives(c, v, states) });
+    look("fmi3GetEventIndicators", indicators, &|v| unsafe { fmi3GetEventIndicators(c, v, indicators) });
+    look("fmi3GetContinuousStates", states, &|v| unsafe { fmi3GetContinuousStates(c, v, states) });
+    look("fmi3GetNominalsOfContinuousStates", states, &|v| unsafe { fmi3GetNominalsOfContinuousStates(c, v, states) });
+    broken
+}
+
+#[test]
+fn what_a_forged_state_holds_is_not_handed_out_as_a_number_in_fmi_3() {
+    for (name, kind) in description_names().iter().flat_map(|name| [(name, CO_SIMULATION), (name, MODEL_EXCHANGE)]) {
+        let instance = Instance::started(&description(name), kind);
+        let (step, mut time) = (instance.model.description().experiment.step, 0.0);
+        if kind == CO_SIMULATION {
+            let (status, reached) = instance.step(time, step);
+            assert_eq!(status, OK, "{name}");
+            time = reached;
+        }
+        let (state, variables) = (instance.state(), instance.model.variables());
+        for place in places(variables) {
+            for value in [f64::NAN, f64::INFINITY] {
+                assert_eq!(instance.restore(&with_real(variables, &state, place, value)), OK, "{name}, place {place}");
+                let broken = broken_in_fmi3(&instance);
+                assert!(broken.is_empty(), "{name}, interface {kind}, place {place}: {broken:?}");
+                // It goes on with numbers, or not at all.
+                if kind == CO_SIMULATION {
+                    instance.step(time, 1e-4);
+                } else {
+                    unsafe { fmi3EnterEventMode(instance.component) };
+                    instance.update();
+                }
+                let broken = broken_in_fmi3(&instance);
+                assert!(broken.is_empty(), "{name}, interface {kind}, place {place}, going on: {broken:?}");
+            }
+        }
+        assert_eq!(instance.restore(&state), OK, "{name}");
+        let mut other = state.clone();
+        other[CHECKSUM.start] ^= 1;
+        assert_eq!(instance.restore(&other), ERROR, "{name}: a checksum that doesn't fit");
     }
 }
 
