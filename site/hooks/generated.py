@@ -50,8 +50,8 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """In the table of FMUs each name leads to the page of its variables; the pages of report and league lead to them."""
-    if page.file.src_uri == "report.md" and REPORT in os.environ:
+    """In the table of FMUs each name leads to the page of its variables; the pages of loops and league lead to report and results."""
+    if page.file.src_uri == "thesis_loops.md" and REPORT in os.environ:
         return markdown + "\n[The report of this version](thesis/index.html){ .md-button }\n"
     if page.file.src_uri == "league.md":
         return markdown.replace("`site/league`", f"[a page of their own]({LEAGUE})", 1)
@@ -232,10 +232,9 @@ def row(group: list[ET.Element]) -> str:
 
 def corrections(study: Path) -> str:
     text = (
-        "# Corrections to the thesis\n\nThese are the places where equations or numbers of the [thesis](../sources.md) were "
-        "changed before its examples worked, or where it leaves something open. The [report](../report.md) has the same "
-        "list with measured values.
-"
+        "# Corrections to the thesis\n\nThese are the places where equations or numbers of the [thesis](../theory.md#sources) were "
+        "changed before its examples worked, or where it leaves something open. The "
+        "[report](../thesis_loops.md#reproduce-the-thesis) has the same list with measured values.\n"
     )
     for example in tomllib.loads(study.read_text(encoding="utf-8"))["example"]:
         if found := example.get("corrections"):

@@ -1,4 +1,4 @@
-"""A controller of one's own: examples/my_controller built, exported, simulated alone and run in a loop, as docs/own_plant.md does."""
+"""A controller of one's own: examples/my_controller built, exported, simulated alone and run in a loop, as docs/own_controller.md does."""
 
 import csv
 import re
@@ -12,7 +12,7 @@ import pytest
 from conftest import PROGRAM, ROOT
 from sample import ALL
 
-PAGE = (ROOT / "docs" / "own_plant.md").read_text().split("## A controller")[1]
+PAGE = (ROOT / "docs" / "own_controller.md").read_text().split("### A controller in Rust")[1]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from test_platforms import EXPORTED, OLDEST_GLIBC, asked, glibc, told
 pytestmark = pytest.mark.slow
 
 CRATE = ROOT / "examples" / "my_plant"
-# As docs/own_plant.md has it, so that it is built once for both.
+# As docs/own_controller.md has it, so that it is built once for both.
 TARGET = ROOT / "target" / "my_plant"
 OUTSIDE, INITIAL, STEP = 268.15, [288.15, 291.15, 283.15], 60.0
 

@@ -46,8 +46,8 @@ BLOCK = re.compile(r"^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.S | re.M)
 
 def text_of(page: str) -> str:
     file = ROOT / page
-    # What this page says of plants of other tools is run by test_foreign_plants.py, which makes such plants.
-    return file.read_text().split("\n## With a plant of another tool")[0] if file.is_file() else ""
+    # What a page says of plants of other tools is run by test_foreign_plants.py, which makes such plants.
+    return re.sub(r"\n## With a plant of another tool\n.*?(?=\n## |\Z)", "", file.read_text(), flags=re.S) if file.is_file() else ""
 
 
 def blocks(page: str) -> list[tuple[str, str, str | None]]:
@@ -268,7 +268,7 @@ HELD = {
         ("on {} plants of the thesis", lambda: [(ROOT / "examples/league/league.toml").read_text().count("[[plant]]")]),
     ],
     "../README.md": [("tried on {} random plants", lambda: [league("plants")])],
-    "own_plant.md": [
+    "own_controller.md": [
         (
             "It has {} systems",
             lambda: [(ROOT / "examples/my_plant/src/lib.rs").read_text().split("export_fmi2![")[1].split("]")[0].count(",") + 1],

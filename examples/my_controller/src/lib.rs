@@ -1,7 +1,7 @@
 //! A controller of one's own, the least that is one: model reference adaptive control (MRAC) of a motor's speed.
 //!
 //! To make one of yours from it, change the names, the parameters and the equations below, then build, export and run it as
-//! docs/own_plant.md shows. Derivatives, both interfaces of FMI and C source follow from the equations.
+//! docs/own_controller.md shows. Derivatives, both interfaces of FMI and C source follow from the equations.
 
 use adaptive_fmu::system::*;
 
