@@ -1,4 +1,4 @@
-"""Texts in the words of the field: none of the others in the README and in the help, and ever fewer elsewhere.
+"""Texts in the words of the field: none of the others in the README and in the help, and ever fewer elsewhere. Pages are few and short.
 
 tests/words.toml has the words, what is excepted, and the ceilings. `pytest -s` prints the counts, and the files that have most.
 """
@@ -100,3 +100,24 @@ def test_elsewhere_they_get_fewer(what: str) -> None:
 
 def test_exceptions_are_few_and_have_reasons() -> None:
     assert len(WORDS["exceptions"]) <= 30 and all(WORDS["exceptions"].values())
+
+
+# Pages of the site: how many there may be, their words together and in one of them. Those of kinds are counted apart.
+MOST_PAGES, MOST_WORDS, LONGEST_PAGE, LONGEST_KIND = 40, 35_000, 1500, 700
+KIND = re.compile(r"(controllers|plants)/|composite\.md$")
+CODE = re.compile(r"^```.*?^```$|\$\$.*?\$\$", re.S | re.M)
+
+
+def test_pages_are_few_and_short() -> None:
+    """Words of tables count, those of code and displayed equations don't. The navigation has generated pages, too."""
+    listed = re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)
+    words = {name.removeprefix("docs/"): len(CODE.sub("", text).split()) for name, text in files("docs/**/*.md").items()}
+    assert len(words) > 60
+    kinds = {name: count for name, count in words.items() if KIND.match(name)}
+    others = {name: count for name, count in words.items() if name not in kinds}
+    pages = {*others, *(name for name in listed if not KIND.match(name))}
+    print(f"{len(pages)} pages of {sum(others.values())} words, {len(kinds)} pages of kinds")
+    assert len(pages) <= MOST_PAGES, sorted(pages)
+    assert sum(others.values()) <= MOST_WORDS, Counter(others).most_common(10)
+    assert not {name: count for name, count in others.items() if count > LONGEST_PAGE}
+    assert not {name: count for name, count in kinds.items() if count > LONGEST_KIND}
