@@ -3,8 +3,10 @@
 tests/words.toml has the words, what is excepted, and the ceilings. `pytest -s` prints the counts, and the files that have most.
 """
 
+import io
 import re
 import subprocess
+import tokenize
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -58,11 +60,17 @@ def comments(text: str) -> str:
     return "\n".join(part if part[0] in "/#" else re.sub(r"\{[\w:.#?$<>^+*,-]*\}", "", part) for part in found)
 
 
+def python_texts(text: str) -> str:
+    """The comments and the texts of a module in Python."""
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return "\n".join(token.string for token in tokens if token.type in {tokenize.COMMENT, tokenize.STRING})
+
+
 def places() -> dict[str, dict[str, str]]:
     """What is counted where."""
     pages = {name: FENCE.sub("", text) for name, text in files("docs/**/*.md", "*.md").items() if name != "CHANGELOG.md"}
     rust = {name: comments(text) for name, text in SOURCES.items()}
-    python = {name: text for name, text in files("python/**/*.py").items()}
+    python = {name: python_texts(text) for name, text in files("python/**/*.py").items()}
     return {"pages": pages, "Rust": rust, "Python": python}
 
 
