@@ -170,7 +170,7 @@ pub enum StepError {
     /// Events of one indicator accumulate.
     #[error(
         "the events of {indicator} accumulate at t = {time} s: {events} so far, the last {close} of them with no time \
-         between (Zeno behaviour). If it is a contact, let it come to rest: when the speed after an event is small, \
+         between (Zeno behaviour). If it is a contact, let it rest: when the speed after an event is small, \
          set a discrete variable that makes the equations hold it. If it is a switch, add hysteresis"
     )]
     Accumulation {

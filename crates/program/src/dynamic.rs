@@ -21,7 +21,7 @@ mod linked {
     #[derive(Debug)]
     pub struct Library;
 
-    /// What isn't there.
+    /// Message about a missing function or library.
     #[derive(Debug)]
     pub struct Missing(String);
 

@@ -13,7 +13,7 @@ use crate::near;
 use crate::recording::Recorded;
 use crate::report::DesignReport;
 
-/// What a system does, over one scalar.
+/// The equations of a system over one scalar.
 pub trait Equations<S: Scalar> {
     /// Writes the signals of a block.
     fn outputs(&self, t: S, reals: &mut [S], integers: &[S::Integer], offsets: &Offsets);
@@ -55,7 +55,7 @@ pub trait DynSystem: Equations<f64> + Equations<Recorded> + Any + Send + Sync {
 
 /// A scalar that equations are compiled for.
 pub trait Compiled: Scalar {
-    /// What a system does, over it.
+    /// The equations of a system over it.
     fn equations(system: &dyn DynSystem) -> &dyn Equations<Self>;
 }
 
@@ -155,7 +155,7 @@ impl Kind {
         }
     }
 
-    /// The kind that connects systems of other kinds: a whole loop as one system.
+    /// The kind that connects systems of other kinds: a composite.
     pub const COMPOSITE: Kind = Kind {
         name: "composite",
         documentation: include_str!("composite.md"),
@@ -285,7 +285,7 @@ fn report<M: System>(system: &dyn DynSystem, v: &Values<f64>, report: &mut Desig
 
 pub(super) fn read<T: DeserializeOwned>(structure: toml::Table) -> Result<T, Invalid> {
     toml::Value::Table(structure).try_into().map_err(|error: toml::de::Error| {
-        // The key stands in a line of its own.
+        // The key has a line of its own.
         let shown = error.to_string();
         let key = shown.lines().find(|line| line.starts_with("in `")).map_or(String::new(), |key| format!(", {key}"));
         Invalid::because(format!("[structure]: {}{key}", near::reworded(error.message())))

@@ -32,8 +32,8 @@ pub struct Binary {
 }
 
 impl Binary {
-    /// A library by its file, or by platform and file, `win64=adaptive_fmu_library.dll`. The file says what it is for; one that
-    /// doesn't counts as one for this platform: loading it tells what it is.
+    /// A library by its file, or by platform and file, `win64=adaptive_fmu_library.dll`. The platform follows from the file's
+    /// contents; if they have none, it counts as one for this platform, and loading it shows what it is.
     ///
     /// # Errors
     /// When the file can't be read, or is for another platform.
@@ -61,7 +61,7 @@ impl Binary {
         Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }))
     }
 
-    /// What runs here.
+    /// The library for this platform.
     pub(super) fn own(file: &Path, bytes: &[u8]) -> Self {
         let build = Build::within(bytes).unwrap_or_default();
         Binary { platform: Platform::own(), file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }
@@ -76,8 +76,8 @@ fn read(file: &Path) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// Libraries for other platforms, or for older systems of this one, that lie beside a program: in the folder of an
-/// archive for users without Rust, or where cargo leaves what it builds for a target that it is told.
+/// Libraries for other platforms, or for older systems of this one, near a program: in the folder of an archive for
+/// users without Rust, or where cargo writes builds for a given target.
 pub(super) fn beside(folder: &Path) -> Vec<Binary> {
     let places = library_folders(folder).flat_map(|libraries| folders(&libraries)).chain(of_targets(folder));
     of_names(places, |platform| platform.library_name())
@@ -86,7 +86,7 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
 /// This program, and what cargo left of the same sources for other platforms, or for older systems of this one.
 ///
 /// # Errors
-/// When this program's own place can't be told.
+/// When this program's own path is unknown.
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
@@ -98,13 +98,13 @@ pub fn programs() -> Result<Vec<Binary>, Error> {
     };
     let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
-        // What is of other sources is told of where the libraries are taken.
+        // Libraries of other sources are reported when libraries are taken.
         let _ = programs.take(program);
     }
     Ok(programs.of)
 }
 
-/// How this program was built. It holds that as a text, so that the same program for another platform can tell it.
+/// How this program was built. The program holds this text, so that one for another platform can be identified.
 static OWN_BUILD: [u8; build::length(PACKAGE, SOURCE)] = build::text(PACKAGE, SOURCE);
 
 /// This package's models, of which the program knows more than the library that goes into FMUs.
@@ -112,7 +112,7 @@ pub(super) fn own_models() -> build::Library {
     build::Library { registry: REGISTRY, source: SOURCE, build: &OWN_BUILD }
 }
 
-/// Where cargo leaves what it builds for targets that it is told, from where it leaves a program.
+/// Folders of cargo's builds for given targets, from the folder of a program.
 fn of_targets(folder: &Path) -> Vec<PathBuf> {
     let profile = folder.file_name().unwrap_or_default();
     folder.parent().map(folders).unwrap_or_default().iter().map(|target| target.join(profile)).collect()
@@ -142,7 +142,7 @@ pub(super) struct Binaries {
 }
 
 impl Binaries {
-    /// Of one platform alone.
+    /// The binaries of one platform.
     pub fn of(binary: Binary) -> Self {
         Binaries { of: vec![binary], packed: OnceLock::new() }
     }
@@ -219,7 +219,7 @@ impl Binaries {
     }
 }
 
-/// A library as an archive of one entry. Compressing takes most of the time of an export, so what came of it is kept.
+/// A library as an archive of one entry. Compressing takes most of the time of an export, so the result is cached.
 fn packed(file: &Path) -> Result<Vec<u8>, Error> {
     let bytes = std::fs::read(file).map_err(Error::file(file))?;
     let kept = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);

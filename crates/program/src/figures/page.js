@@ -84,7 +84,7 @@ class Diagram {
       return made;
     };
     this.plot = made('div', 'plot', place);
-    this.told = made('div', 'told', this.plot);
+    this.told = made('div', 'readout', this.plot);
     this.note = made('button', 'peak', this.plot);
     this.note.addEventListener('click', () => {
       this.values = null;

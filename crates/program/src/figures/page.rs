@@ -42,9 +42,9 @@ pub const DIAGRAMS: &str = "
   .legend .hidden { opacity: 0.4; text-decoration: line-through; }
   .peak { display: block; margin-left: 76px; color: #0b5394; text-decoration: underline; }
   .peak[hidden] { display: none; }
-  .told { position: absolute; top: 14px; padding: 0.1em 0.5em; background: #fffd; border: 1px solid #ccc; font-size: 0.8em;
+  .readout { position: absolute; top: 14px; padding: 0.1em 0.5em; background: #fffd; border: 1px solid #ccc; font-size: 0.8em;
     pointer-events: none; z-index: 1; max-width: 100%; box-sizing: border-box; overflow-wrap: anywhere; }
-  .told div::before { content: '\\25ac '; color: var(--colour); }
+  .readout div::before { content: '\\25ac '; color: var(--colour); }
   @media (max-width: 50em) { .diagram { display: block; }
     .legend { flex-flow: row wrap; gap: 0 1.2em; margin: 0.2em 0 0 1em; } }
   #metrics td:first-child, #metrics .label, h1, p { overflow-wrap: anywhere; }
@@ -62,7 +62,7 @@ pub const DIAGRAMS: &str = "
     .plot .zoomed { fill: #fff2; }
     .plot path[stroke='#000000'], .legend path[stroke='#000000'] { stroke: #ddd; }
     .plot path[stroke='#0072B2'], .legend path[stroke='#0072B2'] { stroke: #4da6e0; }
-    .told { background: #22272eee; border-color: #555; }
+    .readout { background: #22272eee; border-color: #555; }
     div[style*='#000000']::before { color: #ddd; }
     .legend button, .peak { color: inherit; }
     .chart { background: #f4f4f4; }

@@ -32,7 +32,7 @@ pub fn push(page: &mut String, wiring: &Wiring, handed: &Handed) {
         }
         From::Kind => "Dashed: other FMUs of your loop. Names of their inputs and outputs may differ.".to_owned(),
     };
-    let _ = write!(page, "<h2 id=\"wiring\">Wiring</h2>\n<p>{what}</p>\n<div class=\"beside\">\n");
+    let _ = write!(page, "<h2 id=\"wiring\">Wiring</h2>\n<p>{what}</p>\n<div class=\"row\">\n");
     page.push_str(&Diagram::new(wiring, handed).svg());
     push_table(page, wiring, handed);
     page.push_str("</div>\n");

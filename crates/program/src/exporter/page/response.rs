@@ -49,7 +49,7 @@ pub fn push(page: &mut String, handed: &Handed, wiring: &Wiring) {
     }
     page.push_str("<h2 id=\"response\">Response</h2>\n");
     if let Some(Shown { how, plot }) = demonstration::shown(handed) {
-        let _ = write!(page, "<p>{how}</p>\n<div class=\"beside\">\n");
+        let _ = write!(page, "<p>{how}</p>\n<div class=\"row\">\n");
         push_plot(page, &plot);
         page.push_str("</div>\n");
     }
@@ -74,7 +74,7 @@ fn push_loop(page: &mut String, wiring: &Wiring, name: &str, text: &str) {
     let _ = write!(
         page,
         "<h2 id=\"response\">Response of the loop</h2>\n<p>The loop <code>{0}</code> {how}. <code>adaptive-fmu run \
-         {0}</code> repeats the run.</p>\n<div class=\"beside\">\n",
+         {0}</code> repeats the run.</p>\n<div class=\"row\">\n",
         escaped(name)
     );
     for plot in chosen(&plots, wiring) {
