@@ -63,42 +63,42 @@ const METHODS: [(Method, Head); 6] = [
         Method::Relate,
         Head {
             what: "What follows from parameters, and the relations that they must keep.",
-            declaration: "static void unit_prepare(real *v, int *n, Log *told)",
+            declaration: "static void unit_prepare(real *v, int *n, Log *messages)",
         },
     ),
     (
         Method::Start,
         Head {
             what: "The start: states and discrete variables.",
-            declaration: "static void unit_initialise(real t, real *v, int *n, Log *told)",
+            declaration: "static void unit_initialise(real t, real *v, int *n, Log *messages)",
         },
     ),
     (
         Method::ParametersChanged,
         Head {
             what: "What happens when tunable parameters have changed.",
-            declaration: "static void unit_parameters_changed(real t, real *v, int *n, Log *told)",
+            declaration: "static void unit_parameters_changed(real t, real *v, int *n, Log *messages)",
         },
     ),
     (
         Method::Check,
         Head {
             what: "Whether the equations hold where the unit stands.",
-            declaration: "static void unit_check(real t, real *v, int *n, Log *told)",
+            declaration: "static void unit_check(real t, real *v, int *n, Log *messages)",
         },
     ),
     (
         Method::Event,
         Head {
             what: "An event, of time or of the indicators that crossed zero.",
-            declaration: "static void unit_event(real t, const unsigned char *crossed, real *v, int *n, Log *told)",
+            declaration: "static void unit_event(real t, const unsigned char *crossed, real *v, int *n, Log *messages)",
         },
     ),
     (
         Method::StepCompleted,
         Head {
             what: "The end of a communication step.",
-            declaration: "static void unit_step_completed(real t, real step, real *v, int *n, Log *told)",
+            declaration: "static void unit_step_completed(real t, real step, real *v, int *n, Log *messages)",
         },
     ),
 ];
@@ -207,8 +207,8 @@ fn read(unit: &Unit, tape: &Tape, wanted: &[Node], function: &mut Function) -> H
 /// Writes a message or a refusal under a condition.
 fn say(unit: &Unit, note: &Note, told: &Told, condition: &str, values: &[String], function: &mut Function) {
     let given = match note {
-        Note::Message { category, .. } => format!("tell(told, {}, ", unit.category(category)),
-        Note::Refusal { .. } => "refuse(told, ".to_owned(),
+        Note::Message { category, .. } => format!("log_text(messages, {}, ", unit.category(category)),
+        Note::Refusal { .. } => "refuse(messages, ".to_owned(),
     };
     function.line(&format!("if ({condition}) {{"));
     let array = if values.is_empty() { "NULL" } else { "values" };

@@ -5,13 +5,13 @@ use std::collections::HashSet;
 /// Words that C, its library and the functions around have for themselves, and those of C++, by which firmware is compiled, too.
 const TAKEN: &str = "auto break case char const continue default do double else enum extern float for goto if inline int long \
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while real \
-    t dt v n d z R F log told step crossed slopes jacobian by_time i \
+    t dt v n d z R F log messages step crossed slopes jacobian by_time i \
     acos acosh asin asinh atan atan2 atanh cabs carg cbrt ceil conj copysign cos cosh cpow creal erf erfc exp exp2 expm1 fabs \
     fdim floor fma fmax fmin fmod frexp gamma hypot ilogb index isinf isnan j0 j1 jn ldexp lgamma llrint llround log10 log1p \
     log2 logb lrint lround memchr memcmp memcpy memmove memset modf nan nearbyint nextafter pow power powl remainder \
     remquo rint round scalbln scalbn signbit significand sin sinh sqrt strcat strchr strcmp strcpy strlen strncat strncmp \
     strncpy tan tanh tgamma trunc y0 y1 yn abs labs div exit abort atexit free malloc calloc realloc printf puts time sign whole \
-    wrapped noise uniform_number tell refuse finite drem pow10 exp10 sincos ceill signals \
+    wrapped noise uniform_number log_text refuse finite drem pow10 exp10 sincos ceill signals \
     alignas alignof and asm bitand bitor bool catch class compl concept constexpr const_cast decltype delete dynamic_cast explicit \
     export false friend mutable namespace new noexcept not nullptr operator or private protected public reinterpret_cast requires \
     static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t xor \

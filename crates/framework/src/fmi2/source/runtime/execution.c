@@ -183,7 +183,7 @@ static int commit_parameters(Instance *instance, real t, int *any, StepError *er
         return 1;
     }
     if (instance->logged[CATEGORY_EVENTS]) {
-        tell(&instance->log, CATEGORY_EVENTS, "tunable parameters taken over at t = \1n s", &t, 1);
+        log_text(&instance->log, CATEGORY_EVENTS, "tunable parameters taken over at t = \1n s", &t, 1);
     }
     block->n[AT_PARAMETERS_SET] = 0;
     if (!prepare(instance)) {

@@ -66,7 +66,7 @@ typedef struct {
  * number of digits behind the point, as a digit. */
 typedef struct Log Log;
 /* Tells a message of a log category (its place in unit_categories). */
-static void tell(Log *log, int category, const char *text, const real *values, int count);
+static void log_text(Log *log, int category, const char *text, const real *values, int count);
 /* Refuses what was asked for: a start, a point, parameters. */
 static void refuse(Log *log, const char *reason, const real *values, int count);
 

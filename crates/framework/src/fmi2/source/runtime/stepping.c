@@ -195,7 +195,7 @@ static void log_adopted(Instance *instance, double point, double step) {
     }
     instance->points_differ = 1;
     const real times[2] = {(real)point, (real)time};
-    tell(&instance->log, CATEGORY_WARNING,
+    log_text(&instance->log, CATEGORY_WARNING,
          FMI "DoStep: currentCommunicationPoint = \1n s, but the instance is at t = \1n s. A given point that differs by "
          "at most 0.001 of the step is used, here and in later steps",
          times, 2);

@@ -216,7 +216,7 @@ static void fill(Message *message, const char *text, const real *values, int cou
     }
 }
 
-static void tell(Log *log, int category, const char *text, const real *values, int count) {
+static void log_text(Log *log, int category, const char *text, const real *values, int count) {
     if (log->count == MOST_WAITING) {
         log->left_out++;
         return;
