@@ -18,6 +18,6 @@ pub mod template;
 pub mod texts;
 
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, picture, recording, report, scalar,
-    structure, system, text_file,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, picture, recording, reference,
+    report, scalar, structure, system, text_file,
 };

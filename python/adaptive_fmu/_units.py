@@ -88,6 +88,7 @@ def export(
     without: Sequence[str] = (),
     terminals: bool = False,
     fmi: int = 2,
+    reference_results: bool = True,
 ) -> list[Path]:
     """Export FMUs into a folder and return their paths.
 
@@ -104,6 +105,7 @@ def export(
     terminals: True to add terminalsAndIcons.xml, which some tools use to connect FMUs; tools with FMI Library 3 refuse such FMUs.
         Default: False.
     fmi: version of FMI, 2 or 3; with 3 there are no archives of loops. Default: 2.
+    reference_results: False to leave out the reference experiment, by which importers check themselves. Default: True.
 
     Raises `Error` if an FMU, a description file or a loop does not exist or is refused, and `ArgumentError` for arguments that don't go
     together.
@@ -130,6 +132,7 @@ def export(
     request += ["--source"] if source else []
     request += ["--terminals"] if terminals else []
     request += [f"--fmi={fmi}"] if fmi != 2 else []
+    request += [] if reference_results else ["--no-reference-results"]
     request += ["--compile"] if compile or platforms else []
     request += ["--platforms=" + ",".join(platforms)] if platforms else []
     told = done([*request, "--", *(os.fspath(name) for name in names)]).json()

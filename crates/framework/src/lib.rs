@@ -21,6 +21,7 @@ pub mod near;
 pub mod nominal;
 pub mod picture;
 pub mod recording;
+pub mod reference;
 pub mod report;
 pub mod scalar;
 pub mod structure;

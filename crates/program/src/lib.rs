@@ -33,6 +33,7 @@ pub mod parquet;
 #[cfg(unix)]
 #[allow(unsafe_code)]
 pub mod process;
+pub mod related;
 pub mod reproduction;
 pub mod results;
 pub mod schema;
@@ -48,8 +49,8 @@ pub mod workers;
 
 pub use adaptive_fmu_framework as framework;
 pub use adaptive_fmu_framework::{
-    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, picture, recording, report, scalar,
-    system, text_file,
+    eigenvalues, error, execution, fmi2, integrator, kernel, model, near, nominal, picture, recording, reference,
+    report, scalar, system, text_file,
 };
 pub use adaptive_fmu_models::{catalogue, controllers, design, library, mathematics, pages, plants, template, texts};
 

@@ -13,6 +13,7 @@ use adaptive_fmu::fmi2::firmware::{Fallback, Options, Signals};
 use adaptive_fmu::model::{Description, Standard};
 use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::parallel;
+use adaptive_fmu::related::{self, Exported};
 use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::structure::{Component, LoopFiles, Structure, composite, designed, pack, with_values};
 use serde_json::json;
@@ -98,6 +99,9 @@ pub struct Arguments {
     /// Tools with FMI Library 3 refuse FMUs that contain it.
     #[arg(long)]
     terminals: bool,
+    /// Leave out the reference experiment, by which importers check themselves (docs/tools.md)
+    #[arg(long, conflicts_with = "firmware")]
+    no_reference_results: bool,
     /// Version of FMI: 2 for FMI 2.0, 3 for FMI 3.0 (docs/fmi3.md)
     #[arg(
         long,
@@ -120,6 +124,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { names, all: every, composite, without, ssp, out, library, values, run, json, .. } = arguments;
     let standard = if arguments.fmi == 3 { Standard::Fmi3 } else { Standard::Fmi2 };
     let content = Content { form: arguments.form()?, terminals: arguments.terminals, standard };
+    let wanted = Wanted { content, results: !arguments.no_reference_results };
     let library = chosen(library)?;
     // A run needs the FMUs of its loop in the folder.
     let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
@@ -129,13 +134,13 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     let before = versions(out);
     let mut tried = match values {
-        Some(values) => vec![export_with_values(&names, values, &library, out, &content)],
-        None => export_named(&names, &library, out, &content)?,
+        Some(values) => vec![export_with_values(&names, values, &library, out, &wanted)],
+        None => export_named(&names, &library, out, &wanted)?,
     };
-    tried.extend(composite.iter().map(|name| export_whole(name, without, &library, out, &content)));
+    tried.extend(composite.iter().map(|name| export_whole(name, without, &library, out, &wanted)));
     let mut failures = Vec::new();
     let fmus = written(tried, &mut failures);
-    let loops = written(ssp.iter().map(|name| pack_loop(name, &library, out, &content)), &mut failures);
+    let loops = written(ssp.iter().map(|name| pack_loop(name, &library, out, &wanted)), &mut failures);
     for file in fmus.iter().filter(|file| before.get(*file).is_some_and(|version| version != standard.version())) {
         let (name, before) = (file.display(), &before[file]);
         remark!("{name} was an FMU of FMI {before}, and is one of FMI {} now", standard.version());
@@ -156,8 +161,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     let Some(name) = run else { return Ok(ExitCode::SUCCESS) };
     // A parameter set is what the user wants, whatever the loop sets.
-    if content.form != Form::Generic && values.is_none() {
-        design_for(name, &library, out, &content, &fmus)?;
+    if wanted.content.form != Form::Generic && values.is_none() {
+        design_for(name, &library, out, &wanted, &fmus)?;
     }
     super::run::execute(&super::run::Arguments::of(name, out, *json))
 }
@@ -320,26 +325,42 @@ fn with_folders(names: &[String]) -> Result<Vec<String>, Error> {
 /// Path of an FMU or archive that was written, or the error.
 type Tried = Result<PathBuf, Error>;
 
+/// What FMUs are to hold.
+struct Wanted {
+    content: Content,
+    /// True if they hold reference results.
+    results: bool,
+}
+
+/// Writes the FMU of a description into a folder; a line if it has no reference results though it should.
+fn export_one(source: &Source, library: &Library, out: &Path, wanted: &Wanted) -> Tried {
+    let Exported { file, without } = related::export(source, library, out, &wanted.content, wanted.results)?;
+    if let Some(reason) = without {
+        remark!("{} has no reference results: {reason}", file.display());
+    }
+    Ok(file)
+}
+
 /// The files that were written; one that fails doesn't keep the others from it.
 fn written(tried: impl IntoIterator<Item = Tried>, failures: &mut Vec<Error>) -> Vec<PathBuf> {
     tried.into_iter().filter_map(|tried| tried.map_err(|error| failures.push(error)).ok()).collect()
 }
 
 /// Writes FMUs into a folder.
-fn export_named(names: &[String], library: &Library, out: &Path, content: &Content) -> Result<Vec<Tried>, Error> {
+fn export_named(names: &[String], library: &Library, out: &Path, wanted: &Wanted) -> Result<Vec<Tried>, Error> {
     warn_of(library)?;
-    let one = |(): &(), k: usize| exporter::export_as(&exporter::find_description(&names[k])?, library, out, content);
+    let one = |(): &(), k: usize| export_one(&exporter::find_description(&names[k])?, library, out, wanted);
     Ok(parallel::each(&vec![(); parallel::cores()], names.len(), one))
 }
 
 /// Writes one FMU that starts with the values of a parameter set.
-fn export_with_values(names: &[String], values: &Path, library: &Library, out: &Path, content: &Content) -> Tried {
+fn export_with_values(names: &[String], values: &Path, library: &Library, out: &Path, wanted: &Wanted) -> Tried {
     let [name] = names else {
         let reason = format!("this parameter set would apply to {} FMUs. Name one FMU", names.len());
         return Err(Error::Loop { file: values.to_owned(), reason });
     };
     warn_of(library)?;
-    exporter::export_as(&with_values(exporter::find_description(name)?, values, library)?, library, out, content)
+    export_one(&with_values(exporter::find_description(name)?, values, library)?, library, out, wanted)
 }
 
 /// What is to be known of the libraries that are packed.
@@ -365,12 +386,12 @@ fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
 }
 
 /// Writes a loop as one FMU into a folder, but for some of its units.
-fn export_whole(name: &str, without: &[String], library: &Library, out: &Path, content: &Content) -> Tried {
+fn export_whole(name: &str, without: &[String], library: &Library, out: &Path, wanted: &Wanted) -> Tried {
     let mut structure = LoopFiles::find(name)?.structure()?;
     structure.leave_out(without)?;
     warn_of(library)?;
     let (source, warnings) = composite(&structure, library)?;
-    let file = exporter::export_as(&source, library, out, content)?;
+    let file = export_one(&source, library, out, wanted)?;
     warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     Ok(file)
 }
@@ -382,12 +403,12 @@ fn exported(structure: &Structure) -> BTreeSet<&String> {
 }
 
 /// Writes a loop as an .ssp archive, with the FMUs that came with it, or newly exported ones.
-fn pack_loop(name: &str, library: &Library, out: &Path, content: &Content) -> Tried {
+fn pack_loop(name: &str, library: &Library, out: &Path, wanted: &Wanted) -> Tried {
     let files = LoopFiles::find(name)?;
     let new = Scratch::new()?;
     let structure = files.structure()?;
     if structure.components.iter().any(Component::is_exported) {
-        export_with_choices(&structure, library, new.path(), content)?;
+        export_with_choices(&structure, library, new.path(), wanted)?;
     }
     let (file, warnings) = pack(&files, new.path(), out)?;
     warnings.iter().for_each(|warning| tell!("warning: {warning}"));
@@ -396,26 +417,26 @@ fn pack_loop(name: &str, library: &Library, out: &Path, content: &Content) -> Tr
 
 /// Writes the FMUs of a loop into a folder, started as the loop chooses from enumerations, which other masters can't set, and
 /// designed with its values where a design is fixed at export.
-fn export_with_choices(structure: &Structure, library: &Library, out: &Path, content: &Content) -> Result<(), Error> {
+fn export_with_choices(structure: &Structure, library: &Library, out: &Path, wanted: &Wanted) -> Result<(), Error> {
     warn_of(library)?;
     for fmu in exported(structure) {
-        let source = match content.form {
+        let source = match wanted.content.form {
             Form::Generic => structure.description_of(fmu)?,
             _ => designed(structure, fmu, library)?,
         };
-        exporter::export_as(&source.with_start(choices(structure, fmu))?, library, out, content)?;
+        export_one(&source.with_start(choices(structure, fmu))?, library, out, wanted)?;
     }
     Ok(())
 }
 
 /// Writes those of some FMUs of a loop anew whose design is fixed at export and reads what the loop sets.
-fn design_for(name: &str, library: &Library, out: &Path, content: &Content, fmus: &[PathBuf]) -> Result<(), Error> {
+fn design_for(name: &str, library: &Library, out: &Path, wanted: &Wanted, fmus: &[PathBuf]) -> Result<(), Error> {
     let structure = LoopFiles::find(name)?.structure()?;
     let is_asked = |fmu: &&String| fmus.contains(&out.join(format!("{fmu}.fmu")));
     for fmu in exported(&structure).into_iter().filter(is_asked) {
         let source = designed(&structure, fmu, library)?;
         if source != structure.description_of(fmu)? {
-            exporter::export_as(&source, library, out, content)?;
+            export_one(&source, library, out, wanted)?;
             remark!("{fmu}.fmu is designed with the values of {name}");
         }
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, one_line};
+use adaptive_fmu::related::{Deviation, Replayed};
 use adaptive_fmu::validation::{self, Report, Severity, Trial};
 use serde_json::json;
 
@@ -33,7 +34,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let (errors, warnings) = (report.findings.count(Severity::Error), report.findings.count(Severity::Warning));
     if arguments.json {
         let told = json!({ "sound": report.is_sound(), "errors": errors, "warnings": warnings,
-                           "findings": report.findings.kept(), "run": ran(&report.trial) });
+                           "findings": report.findings.kept(), "run": ran(&report.trial), "experiments": report.replayed });
         say!("{told}");
     } else {
         print(&arguments.fmu.display().to_string(), &report, errors, warnings);
@@ -46,6 +47,15 @@ fn print(fmu: &str, report: &Report, errors: usize, warnings: usize) {
     kept.iter().for_each(|finding| say!("{finding}"));
     if errors + warnings > kept.len() {
         say!("… and {} more", errors + warnings - kept.len());
+    }
+    for Replayed { experiment, tolerance, outputs } in &report.replayed {
+        let allowed = tolerance.map_or(String::new(), |tolerance| format!(" of {tolerance:e} allowed"));
+        for Deviation { output, largest, time, .. } in outputs {
+            say!(
+                "{}",
+                one_line(&format!("experiment {experiment}: {output} deviates by {largest:.1e}{allowed}, at {time} s"))
+            );
+        }
     }
     let verdict = if report.is_sound() { "sound" } else { "not sound" };
     let ran = one_line(&ran(&report.trial));

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model, Standard};
+use crate::reference::ReferenceExperiment;
 use crate::report::DesignReport;
 use crate::system::{Element, Variable};
 
@@ -76,6 +77,8 @@ enum Reply {
     Source(Box<SourceUnit>),
     #[serde(rename = "firmware")]
     Firmware(firmware::Firmware),
+    #[serde(rename = "reference")]
+    Reference(Box<ReferenceExperiment>),
     #[serde(rename = "kernel")]
     Kernel(Box<Functions>),
     #[serde(rename = "failure")]
@@ -152,6 +155,16 @@ pub fn firmware(request: Option<&str>, library: Library) -> String {
     made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Firmware(made)))
 }
 
+/// The reply, as JSON, to a description's text: a reference experiment of the unit.
+pub fn reference(description: Option<&str>, library: Library) -> String {
+    let made = || -> Result<ReferenceExperiment, Invalid> {
+        let description = Description::read(description.unwrap_or_default())?;
+        let model = Model::from_description(description, library.registry)?;
+        ReferenceExperiment::of(&Arc::new(model)).map_err(Invalid::because)
+    };
+    made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Reference(Box::new(made))))
+}
+
 /// The reply, as JSON, of an instance: what its kernel is compiled from.
 pub fn kernel(made: Result<Functions, Invalid>) -> String {
     made.map_or_else(|invalid| failure(&invalid.to_string()), |functions| write(&Reply::Kernel(Box::new(functions))))
@@ -201,6 +214,19 @@ pub fn read_firmware(reply: &str) -> Result<Result<firmware::Firmware, String>, 
         Ok(Reply::Firmware(made)) => Ok(Ok(made)),
         Ok(Reply::Failure(reason)) => Ok(Err(reason)),
         Ok(_) => Err("another reply than a law".to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Reads a reply: a reference experiment, or why there is none.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_reference(reply: &str) -> Result<Result<ReferenceExperiment, String>, String> {
+    match serde_json::from_str(reply) {
+        Ok(Reply::Reference(experiment)) => Ok(Ok(*experiment)),
+        Ok(Reply::Failure(reason)) => Ok(Err(reason)),
+        Ok(_) => Err("another reply than a reference experiment".to_owned()),
         Err(error) => Err(error.to_string()),
     }
 }

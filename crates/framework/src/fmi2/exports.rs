@@ -42,6 +42,8 @@ macro_rules! define_describing_functions {
                 { fmi2::describe(library(), describe::source, description, reply, context) }
                 fn adaptive_fmu_firmware(request: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
                 { fmi2::describe(library(), describe::firmware, request, reply, context) }
+                fn adaptive_fmu_reference(description: StringPointer, reply: Option<fmi2::Reply>, context: *mut c_void) -> Boolean
+                { fmi2::describe(library(), describe::reference, description, reply, context) }
             }
         }
     };

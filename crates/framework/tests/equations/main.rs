@@ -21,6 +21,7 @@ mod order_eight;
 mod output_derivatives;
 mod outputs;
 mod recording;
+mod reference;
 mod relations;
 mod source;
 mod stiff;

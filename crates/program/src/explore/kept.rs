@@ -10,8 +10,9 @@ use super::session::{Session, Wanted};
 use super::set::plain;
 use crate::begun;
 use crate::error::Error;
-use crate::exporter::{self, Content, Library};
+use crate::exporter::{Content, Library};
 use crate::output::{self, Files};
+use crate::related;
 use crate::structure::{Component, started};
 
 /// FMUs that were exported.
@@ -81,9 +82,8 @@ impl Session {
         for (unit, source) in exported.iter().zip(&sources) {
             let own =
                 if apart { output::make_folder(&folder, plain(&unit.name)?).map_err(wrong)? } else { folder.clone() };
-            fmus.push(
-                exporter::export_as(source, &library, &own, &content).map_err(wrong)?.to_string_lossy().into_owned(),
-            );
+            let exported = related::export(source, &library, &own, &content, true).map_err(wrong)?;
+            fmus.push(exported.file.to_string_lossy().into_owned());
         }
         let left_out = left.iter().map(|unit| unit.name.clone()).collect();
         Ok(json!(Exported { folder: folder.to_string_lossy().into_owned(), fmus, left_out }))

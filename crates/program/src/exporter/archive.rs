@@ -51,6 +51,8 @@ pub struct Contents<'a> {
     pub appearance: &'a Appearance,
     /// Files of C: names and texts.
     pub sources: &'a [(String, String)],
+    /// Further files: places in the archive, and bytes.
+    pub further: &'a [(String, Vec<u8>)],
 }
 
 /// What of libraries an FMU holds.
@@ -66,7 +68,7 @@ pub enum Libraries<'a> {
 /// # Errors
 /// When files can't be read or written.
 pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<(), Error> {
-    let Contents { unit, build, description, appearance, sources } = contents;
+    let Contents { unit, build, description, appearance, sources, further } = contents;
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
     let (standard, xml) = match &unit.model_description_3 {
         Some(xml) => (Standard::Fmi3, xml),
@@ -93,6 +95,7 @@ pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<
     entries.extend(licences.iter().map(|(place, text)| (place.as_str(), text.as_bytes())));
     let places: Vec<String> = sources.iter().map(|(name, _)| format!("sources/{name}")).collect();
     entries.extend(places.iter().zip(*sources).map(|(place, (_, text))| (place.as_str(), text.as_bytes())));
+    entries.extend(further.iter().map(|(place, bytes)| (place.as_str(), &bytes[..])));
     let mut zip = zipped(&entries).map_err(refused(file))?;
     match libraries {
         Libraries::Common(library) => library.packed().write(&unit.name, standard, &mut zip)?,

@@ -15,6 +15,7 @@ use crate::dynamic;
 use crate::error::Error;
 use crate::fmi2::describe::{self, Described, FirmwareRequest, SourceUnit};
 use crate::fmi2::firmware::{Firmware, Options};
+use crate::reference::ReferenceExperiment;
 use crate::text_file;
 
 /// Folder of the libraries in an archive for users without Rust, one folder a platform in it.
@@ -52,6 +53,8 @@ const DESCRIBE: Question = Question { name: "adaptive_fmu_describe", answer: des
 const SOURCE: Question = Question { name: "adaptive_fmu_source", answer: describe::source };
 /// What is its controller as C for a target?
 const FIRMWARE: Question = Question { name: "adaptive_fmu_firmware", answer: describe::firmware };
+/// The question for a reference experiment.
+const REFERENCE: Question = Question { name: "adaptive_fmu_reference", answer: describe::reference };
 
 /// So many replies are cached.
 const MOST_REPLIES: usize = 128;
@@ -200,6 +203,15 @@ impl Library {
         describe::read_firmware(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
     }
 
+    /// A reference experiment of the FMU of a description, by an integration of its own; the reason where there is none.
+    ///
+    /// # Errors
+    /// For a library of an older version, which makes none.
+    pub fn reference(&self, description: &Source) -> Result<Result<ReferenceExperiment, String>, Error> {
+        let reply = self.ask(&REFERENCE, Some(description))?;
+        describe::read_reference(&reply).map_err(|reason| self.unknown(&reason))
+    }
+
     fn unknown(&self, reason: &str) -> Error {
         let advice = "it was built with another version of adaptive-fmu. Build it again";
         Error::Library(format!("{}: its reply can't be read ({reason}). {advice}", self.path.display()))
@@ -212,13 +224,13 @@ impl Library {
         if let Some(reply) = kept().get(&asked) {
             return Ok(reply.clone());
         }
-        let entry = description.filter(|_| question.name == DESCRIBE.name).and_then(|source| self.entry(source));
+        let entry = description.and_then(|source| self.entry(question, source));
         let kept_reply = entry.as_ref().and_then(Entry::read).and_then(|bytes| String::from_utf8(bytes).ok());
         let reply = match kept_reply {
             Some(reply) => reply,
             None => {
                 let reply = self.ask_anew(question, description)?;
-                entry.filter(|_| is_described(&reply)).into_iter().for_each(|entry| entry.write(reply.as_bytes()));
+                entry.filter(|_| is_answer(&reply)).into_iter().for_each(|entry| entry.write(reply.as_bytes()));
                 reply
             }
         };
@@ -230,10 +242,17 @@ impl Library {
         Ok(reply)
     }
 
-    /// Where the description of an FMU is kept: its design report takes up to half a second, and follows from the library and
-    /// the text alone.
-    fn entry(&self, description: &Source) -> Option<Entry> {
-        Entry::of("described", &[self.checksum.as_ref()?, description.text.as_bytes()])
+    /// Where the reply to a question about an FMU is kept, if it takes long and follows from the library and the text alone: a design
+    /// report takes up to half a second, and a reference experiment.
+    fn entry(&self, question: &Question, description: &Source) -> Option<Entry> {
+        let kind = if question.name == DESCRIBE.name {
+            "described"
+        } else if question.name == REFERENCE.name {
+            "referenced"
+        } else {
+            return None;
+        };
+        Entry::of(kind, &[self.checksum.as_ref()?, description.text.as_bytes()])
     }
 
     fn ask_anew(&self, question: &Question, description: Option<&Source>) -> Result<String, Error> {
@@ -263,9 +282,10 @@ impl Library {
     }
 }
 
-/// True if a reply describes an FMU, and refuses nothing.
-fn is_described(reply: &str) -> bool {
-    describe::read(reply).is_ok_and(|described| described.is_ok())
+/// True if a reply answers a question, and refuses nothing.
+fn is_answer(reply: &str) -> bool {
+    let described = || describe::read(reply).is_ok_and(|described| described.is_ok());
+    described() || describe::read_reference(reply).is_ok_and(|experiment| experiment.is_ok())
 }
 
 /// The file of the library built together with this program, where there is one. It is looked for once, as long as it stays

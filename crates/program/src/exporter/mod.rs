@@ -29,7 +29,7 @@ pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library, SHARED, own_library};
 pub(crate) use page::push_report;
 pub use platform::Platform;
-pub use source::{Content, Form, export_as};
+pub use source::{Content, Form, Further, export_as, export_with};
 
 pub use crate::texts::{Embedded, descriptions, league, loops};
 

@@ -8,7 +8,7 @@ use super::library::Library;
 use super::platform::Platform;
 use super::{Source, compiler, describe};
 use crate::error::Error;
-use crate::fmi2::describe::SourceUnit;
+use crate::fmi2::describe::{DescribedUnit, SourceUnit};
 use crate::fmi2::source::{RUNTIME, boundary};
 use crate::model::Standard;
 use crate::output;
@@ -45,19 +45,38 @@ pub struct Content {
     pub standard: Standard,
 }
 
+/// Files that an FMU has in addition: their places in it, and bytes.
+pub type Further = Vec<(String, Vec<u8>)>;
+
 /// Writes the FMU of a description into a folder; its path.
 ///
 /// # Errors
 /// For a description that is refused, or files that can't be written; nothing is left half. With C sources, for a kind that
 /// can't be recorded, with what can't; where a compiler is missing or refuses.
 pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Content) -> Result<PathBuf, Error> {
+    export_with(source, library, out, content, &|_, _| Ok(Further::new()))
+}
+
+/// Writes an FMU likewise, with further files that follow from its description and what that makes.
+///
+/// # Errors
+/// As [`export_as`], and those of the further files.
+pub fn export_with(
+    source: &Source,
+    library: &Library,
+    out: &Path,
+    content: &Content,
+    further: &dyn Fn(&Source, &DescribedUnit) -> Result<Further, Error>,
+) -> Result<PathBuf, Error> {
     let Content { form, terminals, standard } = content;
     let source = &source.of_standard(*standard)?;
     if *form == Form::Generic {
         let (unit, build) = describe(source, library)?;
         let appearance = appearance(source, &unit, &build, *terminals)?;
+        let further = further(source, &unit)?;
+        let (description, sources) = (&source.text, &[][..]);
         let contents =
-            Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &[] };
+            Contents { unit: &unit, build: &build, description, appearance: &appearance, sources, further: &further };
         return written(out, &contents, &Libraries::Common(library));
     }
     let SourceUnit { unit, designed, files } = library.source(source)?;
@@ -65,8 +84,15 @@ pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Conte
     let (_, build) = describe(&source, library)?;
     let appearance = appearance(&source, &unit, &build, *terminals)?;
     let sources = with_runtime(files, *standard);
-    let contents =
-        Contents { unit: &unit, build: &build, description: &source.text, appearance: &appearance, sources: &sources };
+    let (description, further) = (&source.text, further(&source, &unit)?);
+    let contents = Contents {
+        unit: &unit,
+        build: &build,
+        description,
+        appearance: &appearance,
+        sources: &sources,
+        further: &further,
+    };
     let own = match form {
         Form::Generic | Form::Source { with_library: true } => {
             return written(out, &contents, &Libraries::Common(library));

@@ -15,6 +15,9 @@ const MOST: usize = 1000;
 const LONGEST_NAME: usize = 200;
 const LONGEST_TEXT: usize = 1200;
 
+/// The standard of related files, in place of a section of FMI 2.0.
+pub(super) const RELATED: &str = "FMI-LS-REF";
+
 /// How grave a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -38,7 +41,7 @@ pub struct Finding {
     pub what: String,
     /// The version of the standard.
     pub standard: &'static str,
-    /// The section of FMI 2.0 that specifies it; empty in FMI 3.0.
+    /// The section of FMI 2.0 that specifies it; empty in FMI 3.0. Or the name of a layered standard.
     pub section: &'static str,
     /// What to do.
     pub advice: String,
@@ -57,8 +60,12 @@ impl fmt::Display for Finding {
         if let Some(variable) = variable {
             text.push_str(&format!("`{variable}`: "));
         }
-        let section = if section.is_empty() { String::new() } else { format!(", section {section}") };
-        text.push_str(&format!("{what} (FMI {standard}{section}): {advice}"));
+        let rule = match *section {
+            "" => format!("FMI {standard}"),
+            RELATED => RELATED.to_owned(),
+            section => format!("FMI {standard}, section {section}"),
+        };
+        text.push_str(&format!("{what} ({rule}): {advice}"));
         f.write_str(&one_line(&text))
     }
 }

@@ -27,6 +27,7 @@ use crate::error::Error;
 use crate::fmi2::calls::Standard;
 use crate::fmu::Hosting;
 use crate::model_description::xml;
+use crate::related::{Fault, Replay, Replayed};
 use archive::Archive;
 use findings::{At, Lines};
 use variables::Variable;
@@ -38,10 +39,12 @@ pub struct Report {
     pub findings: Findings,
     /// How it was run.
     pub trial: Trial,
+    /// Its own experiments, run and compared with their references.
+    pub replayed: Vec<Replayed>,
 }
 
 impl Report {
-    /// True if it is what the standard asks for.
+    /// True if it is what the standard asks for, and its own experiments have their results.
     pub fn is_sound(&self) -> bool {
         self.findings.count(Severity::Error) == 0
     }
@@ -97,14 +100,31 @@ pub fn validate(file: &Path, run: Option<&Hosting>) -> Result<Report, Error> {
         archive.check_binaries(interfaces, &mut findings);
         functions::check(&archive, interfaces, &mut findings)?;
     }
-    let trial = match (interfaces, run) {
-        (_, None) => Trial::NotAskedFor,
+    let mut replay = Replay::of(file)?;
+    note(std::mem::take(&mut replay.faults), &mut findings);
+    let (trial, fmu) = match (interfaces, run) {
+        (_, None) => (Trial::NotAskedFor, None),
         (Some(interfaces), Some(hosting)) if findings.count(Severity::Error) == 0 => {
             trial::run(file, hosting, &archive, &interfaces, &mut findings)
         }
-        _ => Trial::Unsound,
+        _ => (Trial::Unsound, None),
     };
-    Ok(Report { findings, trial })
+    let is_sound = findings.count(Severity::Error) == 0;
+    let replayed = fmu.filter(|_| is_sound).map_or_else(Vec::new, |fmu| replay.run(&fmu));
+    replay.faults.extend(replayed.iter().flat_map(Replayed::faults));
+    note(replay.faults, &mut findings);
+    Ok(Report { findings, trial, replayed })
+}
+
+/// Takes over what is wrong with related files.
+fn note(faults: Vec<Fault>, findings: &mut Findings) {
+    for Fault { is_error, what, advice } in faults {
+        if is_error {
+            findings.error(At::nowhere(), what, findings::RELATED, advice);
+        } else {
+            findings.warning(At::nowhere(), what, findings::RELATED, advice);
+        }
+    }
 }
 
 /// Checks a modelDescription.xml; its interfaces, where they can be told.

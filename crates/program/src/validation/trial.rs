@@ -31,29 +31,30 @@ pub enum Trial {
     Impossible(String),
 }
 
-/// Runs an FMU with whose description and libraries nothing is wrong.
+/// Runs an FMU with whose description and libraries nothing is wrong; the FMU, where it could be opened.
 pub(super) fn run(
     file: &Path,
     hosting: &Hosting,
     archive: &Archive,
     interfaces: &Interfaces,
     findings: &mut Findings,
-) -> Trial {
+) -> (Trial, Option<Arc<Fmu>>) {
+    let impossible = |reason: &str| (Trial::Impossible(reason.to_owned()), None);
     let Some(co_simulation) = &interfaces.co_simulation else {
-        return Trial::Impossible("it supports model exchange only; trial runs need co-simulation".to_owned());
+        return impossible("it supports model exchange only; trial runs need co-simulation");
     };
     if co_simulation.is("needsExecutionTool") {
-        return Trial::Impossible("it needs the tool that exported it".to_owned());
+        return impossible("it needs the tool that exported it");
     }
     if !archive.has_library(&Platform::own(), findings.standard, &co_simulation.identifier) {
-        return Trial::Impossible("it has no library for this platform".to_owned());
+        return impossible("it has no library for this platform");
     }
     let fmu = match Fmu::open(file, hosting) {
         Ok(fmu) => Arc::new(fmu),
         Err(error) => {
             let advice = "pack a library without missing dependencies, or put its dependencies next to it";
             findings.error(At::line(co_simulation.line), error.to_string(), "2.3", advice);
-            return Trial::Impossible("it can't be loaded".to_owned());
+            return impossible("it can't be loaded");
         }
     };
     let mut trial = Attempt { fmu: &fmu, interfaces, findings, seen: HashSet::new(), steps: 0 };
@@ -68,7 +69,7 @@ pub(super) fn run(
         let advice = format!("a call that the standard allows here must return {}OK", findings.standard.prefix());
         findings.error(At::nowhere(), error.to_string(), section, advice);
     }
-    Trial::Ran(steps)
+    (Trial::Ran(steps), Some(fmu))
 }
 
 /// The section about what failed, and what failed.

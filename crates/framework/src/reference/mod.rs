@@ -1,0 +1,197 @@
+//! A reference experiment of a model: stimuli of its inputs, and what its outputs are then, by an integration of its equations that
+//! no FMU integrates itself by. Whoever imports the FMU can compare what it does with that.
+
+mod extrapolation;
+mod stimuli;
+mod trajectory;
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::execution::Execution;
+use crate::model::Model;
+use stimuli::{Plan, set_inputs, set_start};
+use trajectory::{Accuracy, Missing, Trajectory, trajectory};
+
+/// Bound on the error of each step of the integration, relative to a state or its magnitude.
+const TOLERANCE: f64 = 1e-11;
+/// Deviation that an experiment allows at least, relative to an output's largest value.
+const ALLOWED: f64 = 1e-4;
+/// The change of the start by which an experiment's own sensitivity is found, and how many such changes are allowed to show.
+const CHANGE: f64 = 1e-6;
+const PER_CHANGE: f64 = 10.0;
+/// What is allowed at most: an experiment that is more sensitive shows nothing.
+const MOST_ALLOWED: f64 = 0.1;
+/// Work of one integration, in elementary operations of about 1 ns.
+const WORK: f64 = 6e7;
+/// Communication steps in parts of the model's own, and sizes of stimuli in parts of their inputs' magnitudes, as they are tried. They
+/// are no round numbers, so that no value is between two steps of a quantised one.
+const PARTS: [f64; 4] = [1.0, 0.25, 0.05, 0.01];
+const AMPLITUDES: [f64; 2] = [0.0937, 0.00937];
+/// The fewest rows.
+const FEWEST: usize = 5;
+/// A row is left out if an event is as near as this part of a communication step: a tool may find the event on its other side.
+const NEAR: f64 = 0.75;
+
+/// Numbers over time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Table {
+    /// Names of the columns behind that of the time.
+    pub names: Vec<String>,
+    /// Rows: the time, s, and the values. Two of the same time are a jump.
+    pub rows: Vec<Vec<f64>>,
+}
+
+/// An experiment with its results.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ReferenceExperiment {
+    /// Stop time, s; the start is at 0.
+    pub stop: f64,
+    /// Communication step, s.
+    pub step: f64,
+    /// Deviation that is allowed, relative to an output's largest value.
+    pub tolerance: f64,
+    /// Parameters that it sets: items of choices, by names.
+    pub chosen: Vec<(String, String)>,
+    /// Values of the inputs; none where the model has no inputs.
+    pub stimuli: Option<Table>,
+    /// Values of the outputs.
+    pub references: Table,
+}
+
+impl ReferenceExperiment {
+    /// That of a model: the longest of several that can be integrated with the work that is allowed, and if possible one in which the
+    /// FMU warns of nothing.
+    ///
+    /// # Errors
+    /// Why there is none, in words.
+    pub fn of(model: &Arc<Model>) -> Result<Self, String> {
+        let (mut reason, mut loud) = (String::new(), None);
+        for part in PARTS {
+            for amplitude in AMPLITUDES {
+                let plan = Plan::of(model, amplitude, part);
+                match Self::along(model, &plan) {
+                    Ok((experiment, true)) => return Ok(experiment),
+                    Ok((experiment, false)) => _ = loud.get_or_insert(experiment),
+                    Err(missing) => {
+                        reason = missing.reason;
+                        if missing.is_long {
+                            break;
+                        }
+                    }
+                }
+            }
+            // A shorter one would warn of the same.
+            if let Some(experiment) = loud {
+                return Ok(experiment);
+            }
+        }
+        Err(reason)
+    }
+
+    /// The experiment of a plan, and whether the FMU warns of nothing in it.
+    fn along(model: &Arc<Model>, plan: &Plan) -> Result<(Self, bool), Missing> {
+        if plan.outputs.is_empty() {
+            return Err("it has no output that is a continuous number".to_owned().into());
+        }
+        let exact = trajectory(model, plan, Accuracy { tolerance: TOLERANCE, change: 0.0, work: WORK })?;
+        let (own, is_quiet) = own(model, plan)?;
+        let changed = Accuracy { tolerance: 0.1 * CHANGE, change: CHANGE, work: WORK };
+        let rows = clear(plan, &exact);
+        if rows.len() < FEWEST {
+            return Err("its outputs jump too often".to_owned().into());
+        }
+        let kept = |all: &[Vec<f64>]| rows.iter().map(|row| all[*row].clone()).collect::<Vec<_>>();
+        let references = kept(&exact.rows);
+        let (sensitivity, _) = deviation(&kept(&trajectory(model, plan, changed)?.rows), &references);
+        let tolerance = rounded_up((PER_CHANGE * sensitivity).max(ALLOWED));
+        if tolerance.is_nan() || tolerance > MOST_ALLOWED {
+            let times = sensitivity / CHANGE;
+            return Err(format!("its results change by {times:.0e} times what its start is changed by").into());
+        }
+        let (off, (row, column)) = deviation(&kept(&own), &references);
+        if off.is_nan() || off > tolerance {
+            let (output, time) = (&plan.outputs[column].name, plan.time(plan.rows[rows[row]]));
+            let more = format!("more than the {tolerance:e} that its sensitivity explains");
+            return Err(format!("its own `{output}` deviates by {off:.1e} from them at {time} s, {more}").into());
+        }
+        let with_time = |row: &usize| [vec![plan.time(plan.rows[*row])], exact.rows[*row].clone()].concat();
+        let names = plan.outputs.iter().map(|output| output.name.clone()).collect();
+        let references = Table { names, rows: rows.iter().map(with_time).collect() };
+        let stimuli = (!plan.stimuli.is_empty()).then(|| given(plan));
+        let chosen = plan.chosen.iter().map(|chosen| (chosen.parameter.name.clone(), chosen.item.clone())).collect();
+        let (stop, step) = (plan.time(plan.steps), plan.step);
+        Ok((ReferenceExperiment { stop, step, tolerance, chosen, stimuli, references }, is_quiet))
+    }
+}
+
+/// The outputs at the rows as the FMU integrates itself in co-simulation, and whether it warns of nothing.
+fn own(model: &Arc<Model>, plan: &Plan) -> Result<(Vec<Vec<f64>>, bool), String> {
+    let mut execution = Execution::new(Arc::clone(model));
+    let mut rows = Vec::with_capacity(plan.rows.len());
+    set_start(&mut execution, plan);
+    execution.initialise().map_err(|error| error.to_string())?;
+    for point in 0..=plan.steps {
+        if plan.rows.contains(&point) {
+            let reals = &execution.block().reals;
+            rows.push(plan.outputs.iter().map(|output| reals[output.place]).collect());
+        }
+        if plan.changes.contains_key(&point) {
+            set_inputs(&mut execution, plan, point);
+        }
+        if point < plan.steps {
+            execution.step(plan.time(point), plan.step).map_err(|error| error.to_string())?;
+        }
+    }
+    Ok((rows, execution.log.is_empty()))
+}
+
+/// The rows that no event is near.
+fn clear(plan: &Plan, exact: &Trajectory) -> Vec<usize> {
+    let is_clear = |row: &usize| {
+        let time = plan.time(plan.rows[*row]);
+        exact.events.iter().all(|event| (event - time).abs() > NEAR * plan.step)
+    };
+    (0..plan.rows.len()).filter(is_clear).collect()
+}
+
+/// The largest deviation of some rows from others, relative to the largest value of its column; its row and column.
+fn deviation(rows: &[Vec<f64>], exact: &[Vec<f64>]) -> (f64, (usize, usize)) {
+    let mut worst = (0.0, (0, 0));
+    for column in 0..exact.first().map_or(0, Vec::len) {
+        let largest = exact.iter().map(|row| row[column].abs()).fold(0.0, f64::max);
+        for (place, (row, exact)) in rows.iter().zip(exact).enumerate() {
+            let off = (row[column] - exact[column]).abs();
+            let off = if off == 0.0 { 0.0 } else { off / largest };
+            if off.is_nan() {
+                return (off, (place, column));
+            }
+            if off > worst.0 {
+                worst = (off, (place, column));
+            }
+        }
+    }
+    worst
+}
+
+/// The number of one digit that isn't below another.
+fn rounded_up(value: f64) -> f64 {
+    let rounded = format!("{value:.0e}").parse().unwrap_or(value);
+    if rounded >= value * (1.0 - 1e-9) {
+        return rounded;
+    }
+    format!("{:.0e}", rounded + 10_f64.powf(value.log10().floor())).parse().unwrap_or(value)
+}
+
+/// The stimuli as a table that is piecewise constant.
+fn given(plan: &Plan) -> Table {
+    let row = |point: usize, before: bool| {
+        let values = plan.stimuli.iter().map(|stimulus| stimulus.at(point, before));
+        std::iter::once(plan.time(point)).chain(values).collect::<Vec<f64>>()
+    };
+    let mut rows = vec![row(0, false)];
+    plan.changes.keys().for_each(|point| rows.extend([row(*point, true), row(*point, false)]));
+    rows.push(row(plan.steps, false));
+    Table { names: plan.stimuli.iter().map(|stimulus| stimulus.input.name.clone()).collect(), rows }
+}
