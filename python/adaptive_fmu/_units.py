@@ -105,7 +105,7 @@ def export(
     terminals: True to add terminalsAndIcons.xml, which some tools use to connect FMUs; tools with FMI Library 3 refuse such FMUs.
         Default: False.
     fmi: version of FMI, 2 or 3; with 3 there are no archives of loops. Default: 2.
-    reference_results: False to leave out the reference experiment, by which importers check themselves. Default: True.
+    reference_results: False to leave out the reference experiment, with which importers check themselves. Default: True.
 
     Raises `Error` if an FMU, a description file or a loop does not exist or is refused, and `ArgumentError` for arguments that don't go
     together.

@@ -99,7 +99,7 @@ pub struct Arguments {
     /// Tools with FMI Library 3 refuse FMUs that contain it.
     #[arg(long)]
     terminals: bool,
-    /// Leave out the reference experiment, by which importers check themselves (docs/tools.md)
+    /// Leave out the reference experiment, with which importers check themselves (docs/fmu_behaviour.md)
     #[arg(long, conflicts_with = "firmware")]
     no_reference_results: bool,
     /// Version of FMI: 2 for FMI 2.0, 3 for FMI 3.0 (docs/fmi3.md)

@@ -13,7 +13,7 @@ use crate::fmu::Fmu;
 use crate::output;
 use crate::scratch::Scratch;
 use crate::simulation::{Alone, Inputs};
-use crate::structure::{Component, Order, Settings};
+use crate::structure::{Component, Settings};
 use crate::tables;
 
 /// Communication steps of an experiment, at most.
@@ -238,5 +238,5 @@ fn settings(experiment: &Experiment, fmu: &Arc<Fmu>, times: &[f64]) -> Result<Se
     if steps > MOST_STEPS {
         return Err(format!("it has {steps:.0} communication steps; at most {MOST_STEPS} are run"));
     }
-    Ok(Settings { start_time, stop_time, step, order: Order::GaussSeidel })
+    Ok(Settings { start_time, stop_time, step })
 }
