@@ -40,7 +40,7 @@ pub(super) struct Extrapolation {
 }
 
 impl Extrapolation {
-    /// For states of such magnitudes, with a bound on the error of each step relative to state or magnitude.
+    /// Creates it for states of these magnitudes, with a bound on the error of each step relative to state or magnitude.
     pub fn new(nominals: &[f64], tolerance: f64) -> Self {
         let zeros = vec![0.0; nominals.len()];
         Extrapolation {
@@ -59,7 +59,7 @@ impl Extrapolation {
         self.next = 0.0;
     }
 
-    /// Takes a step from t of at most so much, s; its length. The states are those at its end then.
+    /// Takes a step from t of at most `most`, s, and returns its length. The states are then those at its end.
     ///
     /// # Errors
     /// When there is none.

@@ -16,12 +16,12 @@ use trajectory::{Accuracy, Missing, Trajectory, trajectory};
 
 /// Bound on the error of each step of the integration, relative to a state or its magnitude.
 const TOLERANCE: f64 = 1e-11;
-/// Deviation that an experiment allows at least, relative to an output's largest value.
+/// Deviation that each experiment allows, relative to an output's largest value.
 const ALLOWED: f64 = 1e-4;
 /// The change of the start by which an experiment's own sensitivity is found, and how many such changes are allowed to show.
 const CHANGE: f64 = 1e-6;
 const PER_CHANGE: f64 = 10.0;
-/// What is allowed at most: an experiment that is more sensitive shows nothing.
+/// Largest deviation that an experiment may allow: one that is more sensitive shows nothing.
 const MOST_ALLOWED: f64 = 0.1;
 /// Work of one integration, in elementary operations of about 1 ns.
 const WORK: f64 = 6e7;
@@ -61,11 +61,11 @@ pub struct ReferenceExperiment {
 }
 
 impl ReferenceExperiment {
-    /// That of a model: the longest of several that can be integrated with the work that is allowed, and if possible one in which the
+    /// Creates that of a model: the longest of several that can be integrated with the work that is allowed, and if possible one in which the
     /// FMU warns of nothing.
     ///
     /// # Errors
-    /// Why there is none, in words.
+    /// The reason why there is none.
     pub fn of(model: &Arc<Model>) -> Result<Self, String> {
         let (mut reason, mut loud) = (String::new(), None);
         for part in PARTS {

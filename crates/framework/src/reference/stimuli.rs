@@ -69,7 +69,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// That of a model, whose inputs jump by a part of their magnitudes, in steps that are a part of its own ones.
+    /// Creates that of a model, whose inputs jump by a part of their magnitudes, in steps that are a part of its own ones.
     pub fn of(model: &Arc<Model>, amplitude: f64, part: f64) -> Self {
         let experiment = &model.description().experiment;
         let stimuli = stimuli(model, amplitude);

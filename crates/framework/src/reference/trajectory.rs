@@ -22,12 +22,12 @@ pub(super) struct Trajectory {
     pub events: Vec<f64>,
 }
 
-/// What a trajectory is integrated with.
+/// Accuracy and work of a trajectory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accuracy {
     /// Bound on the error of each step, relative to state or magnitude.
     pub tolerance: f64,
-    /// What the states at the start are changed by, relative to state or magnitude.
+    /// Change of the states at the start, relative to state or magnitude.
     pub change: f64,
     /// Work that it may take, in elementary operations.
     pub work: f64,
@@ -50,7 +50,7 @@ impl From<String> for Missing {
 /// The trajectory of a model.
 ///
 /// # Errors
-/// Why there is none.
+/// The reason why there is none.
 pub(super) fn trajectory(model: &Arc<Model>, plan: &Plan, accuracy: Accuracy) -> Result<Trajectory, Missing> {
     let mut master = Master::begin(model, plan, accuracy)?;
     let mut rows = Vec::with_capacity(plan.rows.len());
@@ -139,17 +139,15 @@ impl Master {
         Ok(master)
     }
 
-    /// Goes on to a time, through the events before it.
+    /// Goes on to a time, through the events until then.
     fn advance(&mut self, target: f64) -> Result<(), Missing> {
         loop {
-            let end = self.next_event.map_or(target, |event| event.min(target));
-            while self.time < end {
-                self.step(end)?;
+            // The end of a step may have been an event already, so that another is next.
+            match self.next_event {
+                Some(event) if event <= self.time => self.event()?,
+                _ if self.time >= target => return Ok(()),
+                next => self.step(next.map_or(target, |event| event.min(target)))?,
             }
-            if !self.next_event.is_some_and(|event| event <= self.time) {
-                return Ok(());
-            }
-            self.event()?;
         }
     }
 

@@ -5,7 +5,7 @@ use roxmltree::Node;
 use super::{EXPERIMENTS, PARAMETER_SET, TABLE};
 use crate::model_description::{attribute, child, elements, xml};
 
-/// Where a `source` leads.
+/// Place that a `source` leads to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Place {
     /// To a file of the FMU, by its path in it.

@@ -24,9 +24,9 @@ const MOST_STEPS: f64 = 1e6;
 pub struct Fault {
     /// True if the formats forbid it; else it is left out.
     pub is_error: bool,
-    /// What is wrong.
+    /// Description of the fault.
     pub what: String,
-    /// What to do.
+    /// Advice on what to do.
     pub advice: &'static str,
 }
 
@@ -72,12 +72,12 @@ impl Replayed {
 #[derive(Debug, Default)]
 pub struct Replay {
     experiments: Vec<Experiment>,
-    /// What was found.
+    /// Faults that were found.
     pub faults: Vec<Fault>,
 }
 
 impl Replay {
-    /// That of an FMU; nothing where it has no manifest.
+    /// Reads those of an FMU; none if it has no manifest.
     ///
     /// # Errors
     /// When the archive can't be read.
