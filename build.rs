@@ -27,6 +27,7 @@ fn embed() {
     println!("cargo::rerun-if-changed=modelDescription");
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
     let descriptions = texts(&root.join("modelDescription"), &["toml"], stem);
+    let references = texts(&root.join("modelDescription/references"), &["json"], stem);
     let loops =
         entries(&root.join("examples")).into_iter().filter(|folder| folder.join("SystemStructure.ssd").is_file());
     let loops: Vec<_> = loops.collect();
@@ -39,7 +40,7 @@ fn embed() {
     println!("cargo::rerun-if-changed={}", league.display());
     let code = format!(
         "static LEAGUE: Embedded = &[\n{}];\n\
-         static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
+         static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic REFERENCES: Embedded = &[\n{references}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
          static RESPONSES: Embedded = &[\n{responses}];\n",
         texts(&league, &["toml"], name),
         loops.collect::<String>()

@@ -34,6 +34,11 @@ pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS
 }
 
+/// The reference experiment of an FMU of this package, as JSON.
+pub fn reference(name: &str) -> Option<&'static str> {
+    REFERENCES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
 /// Recorded response of one of these loops, with few points a curve; none for a loop that ends in a failure.
 pub fn response(name: &str) -> Option<&'static str> {
     RESPONSES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)

@@ -45,7 +45,8 @@ def test_a_package_holds_every_file_that_its_code_includes_and_the_licences(name
 
 
 def test_the_models_hold_what_their_build_script_embeds() -> None:
-    embedded = [*ROOT.glob("modelDescription/*.toml"), *ROOT.glob("modelDescription/icons/*"), *ROOT.glob("examples/*/response.txt")]
+    places = ("modelDescription/*.toml", "modelDescription/icons/*", "modelDescription/references/*", "examples/*/response.txt")
+    embedded = [file for place in places for file in ROOT.glob(place)]
     for structure in ROOT.glob("examples/*/SystemStructure.ssd"):
         embedded += [file for file in structure.parent.iterdir() if file.suffix in (".ssd", ".ssv")]
     assert {file.relative_to(ROOT).as_posix() for file in embedded} <= held("adaptive-fmu-models")

@@ -34,6 +34,7 @@ mod pid;
 mod quadrotor;
 mod ranges;
 mod reference;
+mod reference_experiments;
 mod schema;
 mod sensor;
 mod state_space;

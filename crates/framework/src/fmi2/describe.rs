@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Invalid;
 use crate::execution::Execution;
 use crate::model::{Description, Model, Standard};
-use crate::reference::ReferenceExperiment;
+use crate::reference::{EXPORT_WORK, ReferenceExperiment};
 use crate::report::DesignReport;
 use crate::system::{Element, Variable};
 
@@ -160,7 +160,7 @@ pub fn reference(description: Option<&str>, library: Library) -> String {
     let made = || -> Result<ReferenceExperiment, Invalid> {
         let description = Description::read(description.unwrap_or_default())?;
         let model = Model::from_description(description, library.registry)?;
-        ReferenceExperiment::of(&Arc::new(model)).map_err(Invalid::because)
+        ReferenceExperiment::of(&Arc::new(model), EXPORT_WORK).map_err(Invalid::because)
     };
     made().map_or_else(|invalid| failure(&invalid.to_string()), |made| write(&Reply::Reference(Box::new(made))))
 }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::execution::Execution;
 use crate::model::Model;
-use stimuli::{Plan, set_inputs, set_start};
+use stimuli::{Plan, rounded, set_inputs, set_start};
 use trajectory::{Accuracy, Missing, Trajectory, trajectory};
 
 /// Bound on the error of each step of the integration, relative to a state or its magnitude.
@@ -23,8 +23,10 @@ const CHANGE: f64 = 1e-6;
 const PER_CHANGE: f64 = 10.0;
 /// Largest deviation that an experiment may allow: one that is more sensitive shows nothing.
 const MOST_ALLOWED: f64 = 0.1;
-/// Work of one integration, in elementary operations of about 1 ns.
-const WORK: f64 = 6e7;
+/// Work that an integration may take at an export, in elementary operations by the integrator's estimate: about 0.1 s.
+pub const EXPORT_WORK: f64 = 1e7;
+/// Digits of results: far more than any tolerance needs.
+const DIGITS: usize = 12;
 /// Communication steps in parts of the model's own, and sizes of stimuli in parts of their inputs' magnitudes, as they are tried. They
 /// are no round numbers, so that no value is between two steps of a quantised one.
 const PARTS: [f64; 4] = [1.0, 0.25, 0.05, 0.01];
@@ -61,24 +63,25 @@ pub struct ReferenceExperiment {
 }
 
 impl ReferenceExperiment {
-    /// Creates that of a model: the longest of several that can be integrated with the work that is allowed, and if possible one in which the
-    /// FMU warns of nothing.
+    /// Creates that of a model: the longest of several that can be integrated with this work each, and if possible one in which the FMU
+    /// warns of nothing.
     ///
     /// # Errors
     /// The reason why there is none.
-    pub fn of(model: &Arc<Model>) -> Result<Self, String> {
-        let (mut reason, mut loud) = (String::new(), None);
+    pub fn of(model: &Arc<Model>, work: f64) -> Result<Self, String> {
+        let (mut reason, mut loud, mut reached) = (String::new(), None, f64::INFINITY);
         for part in PARTS {
             for amplitude in AMPLITUDES {
                 let plan = Plan::of(model, amplitude, part);
-                match Self::along(model, &plan) {
+                if plan.time(plan.steps) > reached {
+                    break;
+                }
+                match Self::along(model, &plan, work) {
                     Ok((experiment, true)) => return Ok(experiment),
                     Ok((experiment, false)) => _ = loud.get_or_insert(experiment),
                     Err(missing) => {
                         reason = missing.reason;
-                        if missing.is_long {
-                            break;
-                        }
+                        reached = missing.reached.unwrap_or(reached);
                     }
                 }
             }
@@ -91,13 +94,13 @@ impl ReferenceExperiment {
     }
 
     /// The experiment of a plan, and whether the FMU warns of nothing in it.
-    fn along(model: &Arc<Model>, plan: &Plan) -> Result<(Self, bool), Missing> {
+    fn along(model: &Arc<Model>, plan: &Plan, work: f64) -> Result<(Self, bool), Missing> {
         if plan.outputs.is_empty() {
             return Err("it has no output that is a continuous number".to_owned().into());
         }
-        let exact = trajectory(model, plan, Accuracy { tolerance: TOLERANCE, change: 0.0, work: WORK })?;
+        let exact = trajectory(model, plan, Accuracy { tolerance: TOLERANCE, change: 0.0, work })?;
         let (own, is_quiet) = own(model, plan)?;
-        let changed = Accuracy { tolerance: 0.1 * CHANGE, change: CHANGE, work: WORK };
+        let changed = Accuracy { tolerance: 0.1 * CHANGE, change: CHANGE, work };
         let rows = clear(plan, &exact);
         if rows.len() < FEWEST {
             return Err("its outputs jump too often".to_owned().into());
@@ -116,7 +119,10 @@ impl ReferenceExperiment {
             let more = format!("more than the {tolerance:e} that its sensitivity explains");
             return Err(format!("its own `{output}` deviates by {off:.1e} from them at {time} s, {more}").into());
         }
-        let with_time = |row: &usize| [vec![plan.time(plan.rows[*row])], exact.rows[*row].clone()].concat();
+        let with_time = |row: &usize| {
+            let time = std::iter::once(plan.time(plan.rows[*row]));
+            time.chain(exact.rows[*row].iter().copied()).map(|value| rounded(value, DIGITS)).collect()
+        };
         let names = plan.outputs.iter().map(|output| output.name.clone()).collect();
         let references = Table { names, rows: rows.iter().map(with_time).collect() };
         let stimuli = (!plan.stimuli.is_empty()).then(|| given(plan));
@@ -188,7 +194,7 @@ fn rounded_up(value: f64) -> f64 {
 fn given(plan: &Plan) -> Table {
     let row = |point: usize, before: bool| {
         let values = plan.stimuli.iter().map(|stimulus| stimulus.at(point, before));
-        std::iter::once(plan.time(point)).chain(values).collect::<Vec<f64>>()
+        std::iter::once(plan.time(point)).chain(values).map(|value| rounded(value, DIGITS)).collect::<Vec<f64>>()
     };
     let mut rows = vec![row(0, false)];
     plan.changes.keys().for_each(|point| rows.extend([row(*point, true), row(*point, false)]));

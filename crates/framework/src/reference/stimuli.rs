@@ -76,7 +76,8 @@ impl Plan {
         // What has no inputs is shown for the whole of its experiment.
         let own = if stimuli.is_empty() { experiment.stop_time / STEPS as f64 } else { experiment.step };
         let steps = ((experiment.stop_time / own).round() as usize).clamp(1, STEPS);
-        let step = rounded(part * sampled(model).map_or(own, |period| own.min(period / PER_SAMPLE)));
+        // In digits that a person reads: the first sample lies a little before its time.
+        let step = rounded(part * sampled(model).map_or(own, |period| own.min(period / PER_SAMPLE)), 6);
         let mut changes: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, stimulus) in stimuli.iter().enumerate() {
             let points = stimulus.values.keys().filter(|point| **point > 0 && **point < steps);
@@ -92,9 +93,9 @@ impl Plan {
     }
 }
 
-/// A time in digits that a person reads: the first sample lies a little before its time.
-fn rounded(time: f64) -> f64 {
-    format!("{time:.5e}").parse().unwrap_or(time)
+/// A number in so many digits.
+pub(super) fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
 }
 
 /// A law that samples at communication points is evaluated continuously where it offers that: else each step is another law.

@@ -37,13 +37,13 @@ pub(super) struct Accuracy {
 pub(super) struct Missing {
     /// In words.
     pub reason: String,
-    /// True if a shorter one would take less work.
-    pub is_long: bool,
+    /// The time until which the work sufficed, s, if it did not for the whole.
+    pub reached: Option<f64>,
 }
 
 impl From<String> for Missing {
     fn from(reason: String) -> Self {
-        Missing { reason, is_long: false }
+        Missing { reason, reached: None }
     }
 }
 
@@ -217,8 +217,8 @@ impl Master {
 /// The reason why there is no step.
 fn told(time: f64, stuck: Stuck) -> Missing {
     let reason = match stuck {
-        Stuck::Work => format!("its integration would take too long; by {time} s the work was spent"),
+        Stuck::Work => format!("its integration would take too long: its first {time} s took all work that is allowed"),
         Stuck::Short => format!("its rates at {time} s allow no step"),
     };
-    Missing { reason, is_long: stuck == Stuck::Work }
+    Missing { reason, reached: (stuck == Stuck::Work).then_some(time) }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use adaptive_fmu::model::Model;
-use adaptive_fmu::reference::{ReferenceExperiment, Table};
+use adaptive_fmu::reference::{EXPORT_WORK, ReferenceExperiment, Table};
 use adaptive_fmu::system::*;
 
 /// x'' = −x + u, from rest; y = x, the time that x was above a level, and x as it was sampled last.
@@ -110,7 +110,7 @@ fn time_above(stimuli: &Table, t: f64) -> f64 {
 #[test]
 fn references_are_exact_between_jumps_behind_events_and_at_samples() {
     let model = Arc::new(Model::new::<Watched>("Watched", &toml::Table::new()).unwrap());
-    let found = ReferenceExperiment::of(&model).unwrap();
+    let found = ReferenceExperiment::of(&model, EXPORT_WORK).unwrap();
     assert_eq!((found.stop, found.step), (1.0, 1e-3));
     assert!((1e-4..1e-2).contains(&found.tolerance), "{}", found.tolerance);
     assert_eq!(found.references.names, ["y", "time_above", "last"]);
@@ -132,7 +132,7 @@ fn references_are_exact_between_jumps_behind_events_and_at_samples() {
 fn the_same_model_has_the_same_references_each_time() {
     let of = || {
         let model = Arc::new(Model::new::<Watched>("Watched", &toml::Table::new()).unwrap());
-        ReferenceExperiment::of(&model).unwrap()
+        ReferenceExperiment::of(&model, EXPORT_WORK).unwrap()
     };
     assert_eq!(of(), of());
 }

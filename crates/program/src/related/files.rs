@@ -9,9 +9,11 @@ use super::{EXPERIMENTS, FOLDER, MANIFEST, PARAMETER_SET, VALIDATION};
 use crate::error::Error;
 use crate::exporter::{self, Content, DESCRIBED, Further, Library, Source};
 use crate::fmi2::describe::DescribedUnit;
-use crate::model::Standard;
+use crate::model::{Description, Standard};
 use crate::model_description::ModelDescription;
 use crate::model_description::{elements, xml};
+use crate::reference::ReferenceExperiment;
+use crate::texts;
 use crate::tuning::typed_set;
 
 /// Bytes that an experiment may take.
@@ -103,7 +105,8 @@ fn results(
     arrays: &[String],
 ) -> std::io::Result<Result<Further, String>> {
     // The equations are the same in both versions of the standard.
-    let asked = source.of_standard(Standard::Fmi2).and_then(|source| library.reference(&source));
+    let anew = || source.of_standard(Standard::Fmi2).and_then(|source| library.reference(&source));
+    let asked = stored(source, &unit.name).map_or_else(anew, |experiment| Ok(Ok(experiment)));
     let experiment = match asked {
         Ok(Ok(experiment)) => experiment,
         Ok(Err(reason)) => return Ok(Err(reason)),
@@ -122,6 +125,13 @@ fn results(
         return Ok(Err(format!("they would take {size} bytes, more than {LARGEST}")));
     }
     Ok(Ok(files))
+}
+
+/// The reference experiment that comes with an FMU of this package; none if its description was changed.
+fn stored(source: &Source, name: &str) -> Option<ReferenceExperiment> {
+    let read = |text: &str| Description::read(text).ok().map(|it| Description { fmi: None, designed: None, ..it });
+    let (_, text) = exporter::descriptions().iter().find(|(known, _)| *known == name)?;
+    (read(&source.text)? == read(text)?).then(|| serde_json::from_str(texts::reference(name)?).ok())?
 }
 
 /// The names of the arrays in a modelDescription.xml of FMI 3.0.

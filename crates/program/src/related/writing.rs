@@ -7,8 +7,6 @@ use super::{DESCRIPTION, NAME, NAMESPACE, VERSION};
 use crate::error::Number;
 use crate::reference::{ReferenceExperiment, Table};
 
-/// Digits of results: far more than any tolerance asks for.
-const DIGITS: usize = 12;
 /// Files of a reference experiment.
 pub const EXPERIMENT_FILE: &str = "reference.exp";
 pub const PARAMETERS: &str = "reference.ssv";
@@ -110,10 +108,9 @@ pub fn csv(table: &Table, arrays: &[String]) -> String {
         }
     }
     let head = std::iter::once("time").chain(cells.iter().map(|(name, _)| *name)).collect::<Vec<_>>().join(",");
-    let number = |value: f64| Number(format!("{value:.*e}", DIGITS - 1).parse().unwrap_or(value)).to_string();
     let row = |row: &Vec<f64>| {
         let cell = |(_, columns): &(&str, Vec<usize>)| {
-            columns.iter().map(|column| number(row[column + 1])).collect::<Vec<_>>().join(" ")
+            columns.iter().map(|column| Number(row[column + 1]).to_string()).collect::<Vec<_>>().join(" ")
         };
         std::iter::once(Number(row[0]).to_string()).chain(cells.iter().map(cell)).collect::<Vec<_>>().join(",")
     };
