@@ -266,7 +266,7 @@ def new(
     else:
         with plant_file(plant) as given:
             answer, is_recorded = done([*request, f"--plant={given}"]), is_of_records(given)
-    # Experiments alone have faults that are labelled as warnings; other labels are those of verdicts about uncertain plants.
+    # Only experiments have faults that are labelled as warnings; other labels are those of verdicts about uncertain plants.
     for note in answer.notes:
         if note.startswith("warning: ") or is_recorded and note.startswith(("Warning: ", "Not sound: ")):
             warnings.warn(in_keywords(note[0].lower() + note[1:]), ExperimentWarning, stacklevel=2)

@@ -129,7 +129,7 @@ mod tests {
             assert!(off < 1e-6, "case {case}: {start} by {increment} in {lo} … {hi}, {epsilon}: {found}, {expected}");
             *(if found == start + increment { &mut free } else { &mut held_back }) += 1;
         }
-        assert!(free > 50 && held_back > 50, "{free} free, {held_back} held back");
+        assert!(free > 50 && held_back > 50, "{free} free, {held_back} reduced");
     }
 
     #[test]

@@ -169,7 +169,7 @@ def test_a_reader_zooms_hides_curves_and_reads_values(results: Path, tmp_path: P
     hidden = after("document.querySelector('.legend button').click();")
     assert [len(plot.find_class("curve")) for plot in hidden] == [len(PLOTTED[0]) - 1, len(PLOTTED[1])]
     # Under the pointer: the time, and the recorded point of each curve that is nearest to it.
-    (told,) = after("at('pointermove', 300, 100);")[0].find_class("told")
+    (told,) = after("at('pointermove', 300, 100);")[0].find_class("readout")
     _, *lines = told.itertext()
     time = told.text.removeprefix("time = ").removesuffix(" s")
     table = read_csv(results / "result.csv")

@@ -1,4 +1,4 @@
-//! What the author of a model depends on: a dynamic system goes in, written once, and units of FMI 2.0 come out.
+//! Framework for authors of models: a dynamic system, written once, becomes FMUs of FMI 2.0 and FMI 3.0.
 //!
 //! A model is a [`system::System`]: declared variables and equations. The rest is written once: [`integrator`] takes
 //! it through a communication step with error control, [`execution`] holds one instance of it in time, and

@@ -1,6 +1,6 @@
-//! What the program does: exports, closes loops, tunes, checks, shows. The command line around it is a crate of its own.
+//! The program's functions: export, closed loops, tuning, checks, pages. The command line is a crate of its own.
 //!
-//! Its models stand in [`adaptive_fmu_models`], and what every model needs in [`adaptive_fmu_framework`]; their modules are
+//! Its models are in [`adaptive_fmu_models`], and what every model needs in [`adaptive_fmu_framework`]; their modules are
 //! here by their names, too.
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
@@ -54,5 +54,5 @@ pub use adaptive_fmu_framework::{
 };
 pub use adaptive_fmu_models::{catalogue, controllers, design, library, mathematics, pages, plants, template, texts};
 
-/// Checksum of what the program is made of, beside its models.
+/// Checksum of the program's sources without its models.
 pub const SOURCE: &str = env!("ADAPTIVE_FMU_SOURCE");

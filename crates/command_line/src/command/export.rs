@@ -243,7 +243,7 @@ impl Arguments {
         }
     }
 
-    /// What the FMUs are to hold.
+    /// Form of the FMUs.
     fn form(&self) -> Result<Form, Error> {
         let named = |name: &String| {
             Platform::named(name)
@@ -325,7 +325,7 @@ fn with_folders(names: &[String]) -> Result<Vec<String>, Error> {
 /// Path of an FMU or archive that was written, or the error.
 type Tried = Result<PathBuf, Error>;
 
-/// What FMUs are to hold.
+/// Contents of the FMUs.
 struct Wanted {
     content: Content,
     /// True if they hold reference results.
@@ -363,7 +363,7 @@ fn export_with_values(names: &[String], values: &Path, library: &Library, out: &
     export_one(&with_values(exporter::find_description(name)?, values, library)?, library, out, wanted)
 }
 
-/// What is to be known of the libraries that are packed.
+/// Warnings about the packed libraries.
 pub fn warn_of(library: &Library) -> Result<(), Error> {
     static TOLD: Once = Once::new();
     let slow = !library.describe(None)?.build.optimised;
@@ -375,7 +375,7 @@ pub fn warn_of(library: &Library) -> Result<(), Error> {
     Ok(())
 }
 
-/// What is to be said of a library that older systems can't load.
+/// Warning about a library that older systems can't load.
 fn asks_for_much(Binary { file, build, glibc, .. }: &Binary) -> Option<String> {
     let asked = glibc.filter(|glibc| *glibc > Glibc::PROMISED)?;
     let (file, promised, target) = (file.display(), Glibc::PROMISED, &build.target);
@@ -396,7 +396,7 @@ fn export_whole(name: &str, without: &[String], library: &Library, out: &Path, w
     Ok(file)
 }
 
-/// The FMUs of a loop that are made of descriptions.
+/// The FMUs of a loop that are exported from descriptions.
 fn exported(structure: &Structure) -> BTreeSet<&String> {
     let exported = structure.components.iter().filter(|component| component.is_exported());
     exported.map(|component| &component.fmu).collect()

@@ -27,7 +27,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Prints a line for each finding; the exit code tells whether one is an error.
+/// Prints a line for each finding; the exit code is 3 if one is an error.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let hosting = Some(arguments.hosting.hosting()?);
     let report = validation::validate(&arguments.fmu, hosting.as_ref().filter(|_| !arguments.no_run))?;

@@ -37,14 +37,14 @@ pub struct DescribedUnit {
     /// modelDescription.xml of FMI 3.0, where the description asks for that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model_description_3: Option<String>,
-    /// What it is and its equations, in Markdown.
+    /// Purpose and equations, in Markdown.
     pub documentation: String,
-    /// What its designer should know of its start values.
+    /// Design report of its start values.
     pub report: DesignReport,
-    /// What its model itself calls each variable of the XML, in its order: a user's own names are put in place of these.
+    /// The model's own name of each variable of the XML, in its order. A user's names replace them.
     #[serde(default)]
     pub declared: Vec<String>,
-    /// What it warns of: log categories, and when they are used.
+    /// Its warnings: log categories, and when they are used.
     #[serde(default)]
     pub warnings: Vec<(String, String)>,
 }

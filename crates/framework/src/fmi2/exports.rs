@@ -57,7 +57,7 @@ macro_rules! bind_old_glibc {
     () => {};
 }
 
-/// The functions themselves, for a registry of kinds, the checksum of the sources that they are made of, and the package that
+/// The functions themselves, for a registry of kinds, the checksum of their sources, and the package that
 /// they are of.
 #[doc(hidden)]
 #[macro_export]

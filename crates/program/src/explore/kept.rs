@@ -1,4 +1,4 @@
-//! What is written of a session: a parameter set, and FMUs that start with its values.
+//! Files of a session: a parameter set, and FMUs that start with its values.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -28,8 +28,7 @@ fn wrong(error: Error) -> String {
     error.to_string()
 }
 
-/// What a page is told where something stands in the place of what it wants written: that stays, unless the user says that it
-/// is to be replaced.
+/// Reply to a page if a file to be written is there already: the file stays, unless the user wants to replace it.
 fn there(place: &Path, wanted: &Wanted) -> Option<Value> {
     let is_there = !wanted.replace && fs::symlink_metadata(begun::path(place)).is_ok();
     is_there.then(|| json!({ "error": format!("{} already exists", place.display()), "isThere": true }))

@@ -17,7 +17,7 @@ use crate::model::Standard;
 use crate::texts::LICENCES;
 use crate::{output, text_file};
 
-/// What an archive may unpack to, and one text in it: limits for archives that aren't ours.
+/// Largest unpacked size of an archive, and of one text in it: limits for archives of others.
 const LARGEST: u64 = 1 << 30;
 const LARGEST_TEXT: u64 = 1 << 26;
 /// The most files in an archive.
@@ -34,12 +34,12 @@ pub struct Entry {
     pub checksum: u32,
 }
 
-/// Name of what tells, within an FMU, how its library was built.
+/// Name of the entry with the build of an FMU's library.
 pub const BUILD: &str = "resources/build.json";
 /// Its description, as a person wrote it.
 pub const DESCRIBED: &str = "resources/description.toml";
 
-/// What an FMU holds beside its libraries.
+/// Contents of an FMU except its libraries.
 pub struct Contents<'a> {
     /// The unit.
     pub unit: &'a DescribedUnit,
@@ -55,7 +55,7 @@ pub struct Contents<'a> {
     pub further: &'a [(String, Vec<u8>)],
 }
 
-/// What of libraries an FMU holds.
+/// Libraries in an FMU.
 pub enum Libraries<'a> {
     /// One library for all units, for its platforms.
     Common(&'a Library),
@@ -156,7 +156,7 @@ pub(super) fn options(permissions: u32) -> SimpleFileOptions {
     options.last_modified_time(DateTime::default()).unix_permissions(permissions)
 }
 
-/// What an archive is refused for.
+/// Reason for refusing an archive.
 pub(super) fn refused(file: &Path) -> impl Fn(ZipError) -> Error {
     move |error| Error::Archive { file: file.to_owned(), reason: error.to_string() }
 }

@@ -27,7 +27,7 @@ pub const SHARED: &str = "share/adaptive-fmu";
 #[derive(Debug)]
 pub struct Library {
     path: PathBuf,
-    /// Of its bytes, where they are a file's.
+    /// Checksum of its bytes, if they are a file's.
     checksum: Option<Checksum>,
     loaded: dynamic::Library,
     binaries: Binaries,
@@ -43,15 +43,15 @@ type Asked = (&'static str, Option<String>);
 struct Question {
     /// The function that answers it in a library with models of a user.
     name: &'static str,
-    /// What answers it for this package's models, which are in the program.
+    /// Function that answers it for this package's models, which are in the program.
     answer: describe::Answer,
 }
 
-/// What is an FMU of this description, or the library itself?
+/// The question for the FMU of a description, or for the library itself.
 const DESCRIBE: Question = Question { name: "adaptive_fmu_describe", answer: describe::reply };
-/// What is its C source?
+/// The question for its C source.
 const SOURCE: Question = Question { name: "adaptive_fmu_source", answer: describe::source };
-/// What is its controller as C for a target?
+/// The question for its controller as C for a target.
 const FIRMWARE: Question = Question { name: "adaptive_fmu_firmware", answer: describe::firmware };
 /// The question for a reference experiment.
 const REFERENCE: Question = Question { name: "adaptive_fmu_reference", answer: describe::reference };
@@ -59,7 +59,7 @@ const REFERENCE: Question = Question { name: "adaptive_fmu_reference", answer: d
 /// So many replies are cached.
 const MOST_REPLIES: usize = 128;
 
-/// What a library refuses of a description, with the lines of its file, which may lie in an archive. A text that was changed
+/// Reason for which a library refuses a description, with the lines of its file, also in an archive. A text that was changed
 /// since it was read, as by a parameter set, has none.
 fn refused(Source { file, text, as_written }: &Source, reason: &str) -> Error {
     let reason = if *as_written { lines::placed(text, reason) } else { reason.to_owned() };
@@ -163,7 +163,7 @@ impl Library {
         self.binaries.all()
     }
 
-    /// What goes into every FMU.
+    /// The binaries of every FMU.
     pub(super) fn packed(&self) -> &Binaries {
         &self.binaries
     }
@@ -242,8 +242,8 @@ impl Library {
         Ok(reply)
     }
 
-    /// Where the reply to a question about an FMU is kept, if it takes long and follows from the library and the text alone: a design
-    /// report takes up to half a second, and a reference experiment.
+    /// Cache entry of a reply that takes long and follows from the library and the text: a design report takes up to half
+    /// a second, and a reference experiment up to a second.
     fn entry(&self, question: &Question, description: &Source) -> Option<Entry> {
         let kind = if question.name == DESCRIBE.name {
             "described"
@@ -312,7 +312,7 @@ fn find_own_library() -> Option<PathBuf> {
     })
 }
 
-/// Where libraries lie by platform beside a program in this folder: in an archive for users without Rust, and where a Python
+/// Folders of libraries by platform next to a program in this folder: in an archive for users without Rust, and where a Python
 /// wheel puts what belongs to a program.
 pub(super) fn library_folders(folder: &Path) -> impl Iterator<Item = PathBuf> {
     let shared = folder.parent().map(|above| above.join(SHARED).join(LIBRARIES));
@@ -324,14 +324,14 @@ fn program_folder() -> Result<PathBuf, Error> {
     Ok(program.parent().unwrap_or(Path::new(".")).to_owned())
 }
 
-/// An error with what caused it: libloading says only `dlopen failed` itself.
+/// An error with its causes: libloading's own text is only `dlopen failed`.
 pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
     std::iter::successors(Some(error), |error| error.source()).map(ToString::to_string).collect::<Vec<_>>().join(": ")
 }
 
 /// Receives the reply of the describing function.
 unsafe extern "C" fn keep(context: *mut c_void, text: *const c_char) {
-    // SAFETY: called by `describe` alone, with the place that it gave and a C string.
+    // SAFETY: called only by the library, with the given place and a C string.
     unsafe {
         let text = CStr::from_ptr(text).to_string_lossy().into_owned();
         *context.cast::<Option<String>>() = Some(text);

@@ -59,7 +59,7 @@ impl Source {
         Source { file, text, as_written: true }
     }
 
-    /// The same system with other start values; what else stands in the text stays, comments too.
+    /// The same system with other start values; the rest of the text stays, comments too.
     ///
     /// # Errors
     /// When the text is no description.

@@ -14,7 +14,7 @@ use crate::model::Standard;
 use crate::output;
 use crate::scratch::Scratch;
 
-/// What an FMU holds of the forms of a unit.
+/// Form of an FMU: generic, with C sources, or compiled from them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Form {
     /// The library of all units, with a description.
@@ -34,7 +34,7 @@ pub enum Form {
     },
 }
 
-/// What an FMU holds beside its description.
+/// Contents of an FMU except its description.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Content {
     /// The forms of its unit.

@@ -1,4 +1,4 @@
-//! What was found, and where.
+//! Findings and their places.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::error::one_line;
 use crate::fmi2::calls::Standard;
 
-/// More findings than this are only counted: a person mends the first ones first.
+/// More findings than this are only counted: a person fixes the first ones first.
 const MOST: usize = 1000;
 /// Characters of a name that are shown, and of a whole text: a file may hold names and values of any length.
 const LONGEST_NAME: usize = 200;
@@ -37,13 +37,13 @@ pub struct Finding {
     pub line: Option<u32>,
     /// The variable.
     pub variable: Option<String>,
-    /// What is wrong.
+    /// The fault.
     pub what: String,
     /// The version of the standard.
     pub standard: &'static str,
     /// The section of FMI 2.0 that specifies it; empty in FMI 3.0. Or the name of a layered standard.
     pub section: &'static str,
-    /// What to do.
+    /// Advice.
     pub advice: String,
 }
 
@@ -121,7 +121,7 @@ impl Findings {
     }
 }
 
-/// A text without its middle, where it is too long: what is wrong stands at its end, too.
+/// A text without its middle, if it is too long: the fault may be at its end.
 fn shortened(text: &str, most: usize) -> Cow<'_, str> {
     if text.char_indices().nth(most).is_none() {
         return text.into();

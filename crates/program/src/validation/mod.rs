@@ -32,7 +32,7 @@ use archive::Archive;
 use findings::{At, Lines};
 use variables::Variable;
 
-/// What was found of an FMU.
+/// Result of the checks of an FMU.
 #[derive(Debug)]
 pub struct Report {
     /// Its findings, in the order in which they were made.
@@ -50,7 +50,7 @@ impl Report {
     }
 }
 
-/// What the checks of libraries, and a run, need of a description.
+/// Parts of a description that the checks of libraries and a run need.
 #[derive(Debug)]
 struct Interfaces {
     exchange: Option<Interface>,
@@ -80,7 +80,7 @@ impl Interface {
     }
 }
 
-/// Checks an FMU. It is run where it is told, if anywhere, and only where nothing else is wrong with it.
+/// Checks an FMU. It is run only if asked for, and if nothing else is wrong with it.
 ///
 /// # Errors
 /// When the archive can't be read.
@@ -127,7 +127,7 @@ fn note(faults: Vec<Fault>, findings: &mut Findings) {
     }
 }
 
-/// Checks a modelDescription.xml; its interfaces, where they can be told.
+/// Checks a modelDescription.xml; its interfaces, if they are known.
 fn check_description(text: &str, findings: &mut Findings) -> Option<Interfaces> {
     let document = match xml::parse(text) {
         Ok(document) => document,

@@ -112,7 +112,7 @@ impl Attempt<'_> {
         while self.steps < STEPS && time < stop - 1e-9 * step {
             let whole = start + (self.steps + 1) as f64 * step;
             let next = if steps_vary { whole.min(stop) } else { whole };
-            // A step may also be lost beside a large time.
+            // A step may also be lost in the rounding of a large time.
             if next > stop + 1e-9 * step || next <= time {
                 break;
             }
@@ -153,7 +153,7 @@ impl Attempt<'_> {
         instance.terminate().map_err(in_section("2.1.6"))
     }
 
-    /// When Initialization Mode is left, what a master sets has the start value that the file says.
+    /// When Initialization Mode is left, values that a master sets have the start value in the file.
     fn check_starts(&mut self, instance: &Instance) -> Result<(), Failed> {
         let values = self.values(instance)?;
         for (place, value) in values {
