@@ -90,12 +90,7 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
-    let own = Binary {
-        platform: Platform::own(),
-        build: Build::within(&OWN_BUILD).unwrap_or_default(),
-        glibc: None,
-        file: file.clone(),
-    };
+    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone() };
     let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // Libraries of other sources are reported when libraries are taken.
@@ -104,8 +99,13 @@ pub fn programs() -> Result<Vec<Binary>, Error> {
     Ok(programs.of)
 }
 
-/// How this program was built. The program holds this text, so that one for another platform can be identified.
+/// How this program was built, as text. The program holds it, so that one for another platform can be identified.
 static OWN_BUILD: [u8; build::length(PACKAGE, SOURCE)] = build::text(PACKAGE, SOURCE);
+
+/// How this program was built.
+fn own_build() -> Build {
+    Build::within(&OWN_BUILD).unwrap_or_default()
+}
 
 /// This package's models, of which the program knows more than the library that goes into FMUs.
 pub(super) fn own_models() -> build::Library {

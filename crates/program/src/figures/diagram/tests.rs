@@ -103,8 +103,14 @@ fn points_for_a_page_are_few_and_lie_on_the_curve_as_far_as_a_reader_zooms() {
     let page = diagram.with_points(1500);
     let range = diagram.peak.map_or(0.0, |peak| peak.high - peak.low);
     for curve in &diagram.curves {
-        let shown = page["curves"].as_array().unwrap().iter().find(|curve_of_page| curve_of_page["name"] == curve.name.as_str()).unwrap();
-        let numbers = |key: &str| shown[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>();
+        let shown = page["curves"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|curve_of_page| curve_of_page["name"] == curve.name.as_str())
+            .unwrap();
+        let numbers =
+            |key: &str| shown[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect::<Vec<_>>();
         let (x, y) = (numbers("x"), numbers("y"));
         assert!(x.len() < 1300, "{} points", x.len());
         let mut behind = 1;
