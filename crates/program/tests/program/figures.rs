@@ -8,7 +8,7 @@ use adaptive_fmu::figures::Diagram;
 use adaptive_fmu::reproduction::{Curve, Figure, Outcome, Run, Study};
 use adaptive_fmu::results::{Comparison, Ending, Report};
 use adaptive_fmu::simulation::Recording;
-use adaptive_fmu::structure::{LoopFiles, Order, Settings, Structure};
+use adaptive_fmu::structure::{LoopFiles, Settings, Structure};
 
 const SETTINGS: Settings = Settings { start_time: 0.0, stop_time: 1.0, step: 0.1 };
 
