@@ -6,7 +6,9 @@ use std::process::ExitCode;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::{self, Files};
 use adaptive_fmu::parallel;
-use adaptive_fmu::reproduction::{Curve, Done, Example, Figure, Outcome, Page, Run, Study, linear_limit};
+use adaptive_fmu::reproduction::{
+    Curve, Done, Example, Figure, Outcome, Page, Run, SINGLE_BEFORE, Study, linear_limit,
+};
 use adaptive_fmu::results::Ending;
 use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::text_file;
@@ -63,7 +65,14 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let file = arguments.study.clone().unwrap_or_else(|| PathBuf::from("examples/thesis.toml"));
     let wrong = |reason| Error::Loop { file: file.clone(), reason };
     let study = match &arguments.study {
-        Some(file) => Study::read(&text_file::read(file).map_err(Error::file(file))?).map_err(wrong)?,
+        Some(file) => {
+            let text = text_file::read(file).map_err(Error::file(file))?;
+            if text.contains(SINGLE_BEFORE) {
+                let advice = "write `, as a single FMU`; the former name is read until 0.3";
+                tell!("warning: {}: the name of a run ends with `{SINGLE_BEFORE}`: {advice}", file.display());
+            }
+            Study::read(&text).map_err(wrong)?
+        }
         None => Study::thesis().map_err(wrong)?,
     };
     let study = study.only(&arguments.only).map_err(wrong)?;

@@ -87,7 +87,7 @@ fn nothing_is_found_in_any_unit_of_this_package() {
     let files: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), exporter::descriptions().len());
     for file in files {
-        let Report { findings, trial } = validate(&file, Some(&Hosting::InProcess)).unwrap();
+        let Report { findings, trial, .. } = validate(&file, Some(&Hosting::InProcess)).unwrap();
         assert!(findings.kept().is_empty(), "{}: {:#?}", file.display(), findings.kept());
         assert!(matches!(trial, Trial::Ran(steps) if steps > 0), "{}: {trial:?}", file.display());
     }
@@ -104,7 +104,7 @@ fn nothing_is_found_in_a_whole_loop_or_in_a_unit_with_names_of_its_own() {
     let files: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert_eq!(files.len(), 4);
     for file in files {
-        let Report { findings, trial } = validate(&file, Some(&Hosting::InProcess)).unwrap();
+        let Report { findings, trial, .. } = validate(&file, Some(&Hosting::InProcess)).unwrap();
         assert!(findings.kept().is_empty(), "{}: {:#?}", file.display(), findings.kept());
         assert!(matches!(trial, Trial::Ran(steps) if steps > 0));
     }

@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn a_claim_about_what_is_not_there_is_refused_by_name() {
         for (toml, named) in [
-            ("", "nothing"),
+            ("", "no criterion"),
             ("measured = ['fast: max e']", "max e"),
             ("measured = ['other: rms e']", "other"),
             ("measured = ['slow: rms e']", "no limit"),

@@ -21,6 +21,11 @@ pub use linear::linear_limit;
 pub use outcome::Outcome;
 pub use page::{Done, Page};
 
+/// Addition to the name of a run as a single FMU.
+const SINGLE: &str = ", as a single FMU";
+/// The same in studies before 0.2.0, read until 0.3.
+pub const SINGLE_BEFORE: &str = ", as one unit";
+
 /// Examples in the order of the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -98,7 +103,7 @@ impl Run {
     /// Its name in figures and claims.
     pub fn key(&self) -> String {
         let case = self.case.iter().map(|case| format!(", {case}"));
-        let whole = self.composite.then(|| ", as a single FMU".to_owned());
+        let whole = self.composite.then(|| SINGLE.to_owned());
         std::iter::once(self.name.clone()).chain(case).chain(whole).collect()
     }
 }
@@ -149,7 +154,7 @@ impl Study {
     /// # Errors
     /// When it is not valid, or an example's name can't name files.
     pub fn read(text: &str) -> Result<Self, String> {
-        let study: Study = toml::from_str(text).map_err(|error| error.to_string())?;
+        let study: Study = toml::from_str(&text.replace(SINGLE_BEFORE, SINGLE)).map_err(|error| error.to_string())?;
         let plain = |name: &str| !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c));
         match study.example.iter().find(|example| !plain(&example.name)) {
             Some(Example { name, .. }) => Err(format!("name = `{name}`: must be letters, digits, _, - and dots")),

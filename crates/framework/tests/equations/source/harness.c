@@ -80,7 +80,7 @@ void carry_out(int method, double t, double step, const unsigned char *crossed, 
 const void *tables(int which)
 {
     Log log = { 0 };
-    tell(&log, 0, "", NULL, 0);
+    log_text(&log, 0, "", NULL, 0);
     refuse(&log, "", NULL, 0);
     const void *const all[] = { unit_real_variables, unit_integer_variables, unit_start_reals, unit_start_integers,
                                 unit_nominals, unit_watched, unit_indicator_names, unit_categories, unit_columns, unit_rows };
