@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
-from conftest import adaptive_fmu
+from conftest import ROOT, adaptive_fmu
 from fmpy.util import read_csv
 from master import Fmu
 from test_foreign_plants import in_c
@@ -289,6 +289,19 @@ def test_an_fmu_of_another_tool_is_compared_with_its_references(factor: float, t
     else:
         assert answer.returncode == 3 and 0.015 < speed["largest"] < 0.025
         assert [finding["section"] for finding in told["findings"] if finding["severity"] == "error"] == ["FMI-LS-REF"]
+
+
+def test_a_changed_description_has_results_of_its_own(fmu: Callable[[str], Fmu], tmp_path: Path) -> None:
+    (tmp_path / "fmus").mkdir()
+    text = (ROOT / "modelDescription" / "TwoLinkRobot.toml").read_text()
+    (tmp_path / "TwoLinkRobot.toml").write_text(text + "\n[start]\nm1 = 1.7\n")
+    exported = adaptive_fmu("export", "TwoLinkRobot.toml", "--out", "fmus", folder=tmp_path)
+    assert exported.returncode == 0 and exported.stderr == "", exported
+    file = tmp_path / "fmus" / "TwoLinkRobot.fmu"
+    references = f"{FOLDER}/references.csv"
+    assert Related(file).entries[references] != Related(fmu("TwoLinkRobot").path).entries[references]
+    answer = adaptive_fmu("validate", file)
+    assert answer.returncode == 0, answer
 
 
 def test_reference_results_can_be_left_out(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ use common::{at_top, description};
 const PART: f64 = 0.01;
 
 fn made(name: &str) -> ReferenceExperiment {
-    ReferenceExperiment::of(&Arc::new(model(&description(name)).unwrap()), 10.0 * EXPORT_WORK).unwrap()
+    ReferenceExperiment::of(&Arc::new(model(&description(name)).unwrap()), 5.0 * EXPORT_WORK).unwrap()
 }
 
 /// The largest deviation, relative to the largest value of its column.

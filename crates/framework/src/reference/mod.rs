@@ -23,14 +23,14 @@ const CHANGE: f64 = 1e-6;
 const PER_CHANGE: f64 = 10.0;
 /// Largest deviation that an experiment may allow: one that is more sensitive shows nothing.
 const MOST_ALLOWED: f64 = 0.1;
-/// Work that an integration may take at an export, in elementary operations by the integrator's estimate: about 0.1 s.
-pub const EXPORT_WORK: f64 = 1e7;
+/// Work that an integration may take at an export, in elementary operations by the integrator's estimate: about 0.2 s.
+pub const EXPORT_WORK: f64 = 2e7;
 /// Digits of results: far more than any tolerance needs.
 const DIGITS: usize = 12;
-/// Communication steps in parts of the model's own, and sizes of stimuli in parts of their inputs' magnitudes, as they are tried. They
-/// are no round numbers, so that no value is between two steps of a quantised one.
-const PARTS: [f64; 4] = [1.0, 0.25, 0.05, 0.01];
-const AMPLITUDES: [f64; 2] = [0.0937, 0.00937];
+/// Communication steps in parts of the model's own, and sizes of stimuli in parts of their inputs' magnitudes, as they are tried. The sizes
+/// and their halves are no multiples of half a step of a quantised value in decimals, where rounding would decide.
+const PARTS: [f64; 5] = [1.0, 0.25, 0.05, 0.01, 0.002];
+const AMPLITUDES: [f64; 2] = [0.09368, 0.009368];
 /// The fewest rows.
 const FEWEST: usize = 5;
 /// A row is left out if an event is as near as this part of a communication step: a tool may find the event on its other side.
