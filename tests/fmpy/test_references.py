@@ -73,7 +73,7 @@ def test_the_manifest_is_one_of_the_layered_standard(each_fmu: Fmu) -> None:
     about = "Layered Standard providing information on related files included in an FMU."
     assert related.root.get(f"{SPACE}fmi-ls-description") == about
     assert {node.tag for node in related.root} == {"Related"}
-    assert {key for node in related.root for key in node.keys()} == {"type", "source", "role", "description"}
+    assert {key for node in related.root for key in node.attrib} == {"type", "source", "role", "description"}
     assert [role for role, _, _ in related.files if not ROLES.fullmatch(role)] == []
     assert [source for _, _, source in related.files if related.place(source) not in related.entries] == []
     for role in ("model", "report", "experiment/validation"):

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, one_line};
-use adaptive_fmu::related::{Deviation, Replayed};
+use adaptive_fmu::related::{Deviation, Replayed, short};
 use adaptive_fmu::validation::{self, Report, Severity, Trial};
 use serde_json::json;
 
@@ -51,10 +51,9 @@ fn print(fmu: &str, report: &Report, errors: usize, warnings: usize) {
     for Replayed { experiment, tolerance, outputs } in &report.replayed {
         let allowed = tolerance.map_or(String::new(), |tolerance| format!(" of {tolerance:e} allowed"));
         for Deviation { output, largest, time, .. } in outputs {
-            say!(
-                "{}",
-                one_line(&format!("experiment {experiment}: {output} deviates by {largest:.1e}{allowed}, at {time} s"))
-            );
+            let largest = short(*largest);
+            let line = format!("experiment {experiment}: {output} deviates by {largest}{allowed}, at {time} s");
+            say!("{}", one_line(&line));
         }
     }
     let verdict = if report.is_sound() { "sound" } else { "not sound" };

@@ -110,14 +110,14 @@ impl ReferenceExperiment {
         let (sensitivity, _) = deviation(&kept(&trajectory(model, plan, changed)?.rows), &references);
         let tolerance = rounded_up((PER_CHANGE * sensitivity).max(ALLOWED));
         if tolerance.is_nan() || tolerance > MOST_ALLOWED {
-            let times = sensitivity / CHANGE;
-            return Err(format!("its results change by {times:.0e} times what its start is changed by").into());
+            let times = rounded(sensitivity / CHANGE, 1);
+            return Err(format!("its results change by {times:e} times what its start is changed by").into());
         }
         let (off, (row, column)) = deviation(&kept(&own), &references);
         if off.is_nan() || off > tolerance {
             let (output, time) = (&plan.outputs[column].name, plan.time(plan.rows[rows[row]]));
-            let more = format!("more than the {tolerance:e} that its sensitivity explains");
-            return Err(format!("its own `{output}` deviates by {off:.1e} from them at {time} s, {more}").into());
+            let (off, more) = (rounded(off, 2), format!("more than the {tolerance:e} that its sensitivity explains"));
+            return Err(format!("its own `{output}` deviates by {off:e} from them at {time} s, {more}").into());
         }
         let with_time = |row: &usize| {
             let time = std::iter::once(plan.time(plan.rows[*row]));
@@ -183,11 +183,8 @@ fn deviation(rows: &[Vec<f64>], exact: &[Vec<f64>]) -> (f64, (usize, usize)) {
 
 /// The number of one digit that isn't below another.
 fn rounded_up(value: f64) -> f64 {
-    let rounded = format!("{value:.0e}").parse().unwrap_or(value);
-    if rounded >= value * (1.0 - 1e-9) {
-        return rounded;
-    }
-    format!("{:.0e}", rounded + 10_f64.powf(value.log10().floor())).parse().unwrap_or(value)
+    let digit = rounded(value, 1);
+    if digit >= value * (1.0 - 1e-9) { digit } else { rounded(digit + 10_f64.powf(value.log10().floor()), 1) }
 }
 
 /// The stimuli as a table that is piecewise constant.

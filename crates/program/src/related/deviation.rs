@@ -23,6 +23,11 @@ pub struct Deviation {
     pub reference: f64,
 }
 
+/// A deviation in two digits.
+pub fn short(deviation: f64) -> String {
+    format!("{deviation:.*e}", 1)
+}
+
 /// A text of CSV in which the elements of an array, that share a cell, have a column each: `u` becomes `u[1]`, `u[2]`.
 pub fn with_elements(text: &str) -> String {
     let mut lines = text.lines();

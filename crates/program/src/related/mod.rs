@@ -26,7 +26,7 @@ mod reading;
 mod replay;
 mod writing;
 
-pub use deviation::Deviation;
+pub use deviation::{Deviation, short};
 pub use files::{Exported, export};
 pub use replay::{Fault, Replay, Replayed};
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::deviation::{Deviation, deviations, with_elements};
+use super::deviation::{Deviation, deviations, short, with_elements};
 use super::reading::{Experiment, Named, Place, RelatedFile, experiments, is_experiments, manifest};
 use super::{EXPERIMENT, FOLDER, MANIFEST, PARAMETER_SET, TABLE, USUAL_STEPS};
 use crate::error::Error;
@@ -57,7 +57,7 @@ impl Replayed {
         let allowed = self.tolerance.unwrap_or(f64::INFINITY);
         let off = self.outputs.iter().filter(move |output| output.largest > allowed || output.largest.is_nan());
         off.map(move |Deviation { output, largest, time, value, reference }| {
-            let [allowed, largest] = [allowed, *largest].map(|part| format!("{part:.1e}"));
+            let [allowed, largest] = [allowed, *largest].map(short);
             let what = format!(
                 "the experiment `{}`: `{output}` is {value} at {time} s, its reference {reference}. It deviates by {largest} of the \
                  largest reference, more than the tolerance {allowed}",
@@ -236,7 +236,7 @@ fn settings(experiment: &Experiment, fmu: &Arc<Fmu>, times: &[f64]) -> Result<Se
     }
     let steps = (stop_time - start_time) / step;
     if steps > MOST_STEPS {
-        return Err(format!("it has {steps:.0} communication steps; at most {MOST_STEPS} are run"));
+        return Err(format!("it has {} communication steps; at most {MOST_STEPS} are run", steps.ceil()));
     }
     Ok(Settings { start_time, stop_time, step })
 }
