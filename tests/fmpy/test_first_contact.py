@@ -1,6 +1,7 @@
 """What a person meets who runs `fmpy simulate X.fmu`: each unit alone, as it is, by FMPy's own defaults."""
 
 import ctypes
+import re
 import zipfile
 from collections.abc import Callable
 
@@ -68,9 +69,9 @@ def test_a_page_says_what_its_unit_shows_alone(each_fmu: Fmu) -> None:
         page = html.document_fromstring(archive.read("documentation/index.html").decode())
     said = page.get_element_by_id("alone").text_content()
     assert said.startswith("With nothing connected ")
-    words = {"stands still": CONTROLLERS, "carries the vehicle": HOVERING, "rests": BALANCED, "hands on": HANDED_ON}
+    words = {"it rests": CONTROLLERS | BALANCED, "carries the vehicle": HOVERING, "is 0|of 0": HANDED_ON}
     for word, names in words.items():
-        assert each_fmu.name not in names or word in said, said
+        assert each_fmu.name not in names or re.search(word, said), said
 
 
 def test_the_controllers_of_the_quadrotor_alone_carry_its_weight(fmu: Callable[[str], Fmu]) -> None:

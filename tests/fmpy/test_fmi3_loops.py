@@ -154,7 +154,7 @@ def test_a_loop_is_made_of_fmus_of_fmi_3(folders: dict[int, Path], tmp_path: Pat
     made = []
     for version in (2, 3):
         units = [folders[version] / f"{name}.fmu" for name in ("ReferenceTwoLinkRobot", "TwoLinkRobot", "L1TwoLinkRobot")]
-        out = tmp_path / str(version)
+        out = tmp_path / str(version) / "robot"
         answer = adaptive_fmu("new", "loop", "--units", *units, "--step", "0.001", "--out", out)
         assert answer.returncode == 0, answer.stderr
         made.append((out / "SystemStructure.ssd").read_text().replace(str(folders[version]), ""))

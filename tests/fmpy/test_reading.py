@@ -73,7 +73,7 @@ def test_a_comparison_is_no_wider_than_its_screen(browser: Any, compared: tuple[
     plot = shown.locator(".plot").first.bounding_box()
     for part in (0.3, 0.6, 0.95):
         shown.mouse.move(plot["x"] + part * plot["width"], plot["y"] + 100)
-        assert shown.locator(".told").first.is_visible()
+        assert shown.locator(".readout").first.is_visible()
         assert shown.evaluate("document.documentElement.scrollWidth") <= width
     table, legend = shown.locator("#metrics").bounding_box(), shown.locator(".legend").first.bounding_box()
     assert table["x"] + table["width"] <= width and legend["x"] + legend["width"] <= width
@@ -90,8 +90,8 @@ def test_a_pointer_shows_recorded_points(browser: Any, tmp_path: Path) -> None:
     box = plot.bounding_box()
     for across in np.linspace(box["x"] + 80, box["x"] + box["width"] - 20, 12):
         shown.mouse.move(across, box["y"] + 100)
-        first, *lines = shown.locator(".told").first.evaluate(
-            "told => [told.firstChild.textContent, ...[...told.children].map(it => it.textContent)]"
+        first, *lines = shown.locator(".readout").first.evaluate(
+            "shown => [shown.firstChild.textContent, ...[...shown.children].map(it => it.textContent)]"
         )
         time = float(first.removeprefix("time = ").removesuffix(" s"))
         assert len(lines) == 3

@@ -79,8 +79,7 @@ impl Execution {
         &self.model
     }
 
-    /// Uses compiled equations in place of the generic ones from now on. Returns false if they aren't those of its
-    /// model.
+    /// Uses compiled equations in place of the generic ones. Returns false if they aren't those of its model.
     pub fn take_kernel(&mut self, kernel: Kernel) -> bool {
         let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries());
         if fits {
