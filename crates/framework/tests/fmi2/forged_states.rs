@@ -189,7 +189,7 @@ fn what_a_forged_state_holds_is_not_handed_out_as_a_number_in_fmi_3() {
         }
         let (state, variables) = (instance.state(), instance.model.variables());
         // The state is that of FMI 2.0, for which all places are tried.
-        for place in places(variables).into_iter().step_by(5) {
+        for place in places(variables).into_iter().step_by(30) {
             for value in [f64::NAN, f64::INFINITY] {
                 assert_eq!(instance.restore(&with_real(variables, &state, place, value)), OK, "{name}, place {place}");
                 let broken = broken_in_fmi3(&instance);
