@@ -14,7 +14,6 @@ import pytest
 from conftest import ROOT, adaptive_fmu
 from fmpy.util import read_csv
 from master import Fmu
-from test_foreign_plants import in_c
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = f"{FOLDER}/fmi-ls-manifest.xml"
@@ -155,16 +154,24 @@ def test_a_solver_finds_the_references_in_model_exchange(name: str, fmu: Callabl
 
 @pytest.mark.parametrize("name", ["L1SampledTwoLinkRobot", "StateSpace", "ReferenceTwoLinkRobot"])
 def test_an_fmu_of_fmi_3_has_the_same_results(name: str, fmu: Callable[[str], Fmu], tmp_path: Path) -> None:
+    """FMPy 0.3.32 takes no stimuli of arrays with different sizes: there validate runs the experiment."""
     exported = adaptive_fmu("export", "--fmi", "3", name, "--out", tmp_path / "fmi3")
     assert exported.returncode == 0, exported.stderr
     file = tmp_path / "fmi3" / f"{name}.fmu"
     related = Related(file)
-    experiment, found = simulated(related, file, tmp_path, "CoSimulation")
-    assert {output: off for output, off in found.items() if not off <= float(experiment.get("tolerance"))} == {}
+    if name.startswith("L1"):
+        replays(file)
+    else:
+        experiment, found = simulated(related, file, tmp_path, "CoSimulation")
+        assert {output: off for output, off in found.items() if not off <= float(experiment.get("tolerance"))} == {}
     older = Related(fmu(name).path)
     numbers = [re.split(r"[,\s]+", text.decode())[1:] for text in (each.entries[f"{FOLDER}/references.csv"] for each in (related, older))]
     both = [[word for word in words if word and word[0] in "-0123456789"] for words in numbers]
     assert both[0] == both[1]
+
+
+# Its state grows by e^20 in a second, so that its experiment ends before its third input moves.
+STILL = {"CoupledMimo": ["u[3]"]}
 
 
 def test_the_experiments_are_worth_something(each_fmu: Fmu, tmp_path: Path) -> None:
@@ -179,7 +186,8 @@ def test_the_experiments_are_worth_something(each_fmu: Fmu, tmp_path: Path) -> N
     if inputs:
         stimuli = related.table(sources["Stimuli"], tmp_path)
         assert list(stimuli.dtype.names) == ["time", *inputs]
-        assert [name for name in inputs if np.ptp(stimuli[name]) == 0.0] == []
+        still = [name for name in inputs if np.ptp(stimuli[name]) == 0.0]
+        assert still == STILL.get(each_fmu.name, [])
     if each_fmu.name != "Reference":  # It has no shape until it is given one.
         assert any(np.ptp(references[name]) > 0.0 for name in references.dtype.names[1:])
 
@@ -212,12 +220,17 @@ def changed(file: Path, out: Path, **texts: Callable[[str], str]) -> Path:
     return out
 
 
-def test_validate_replays_the_experiment(each_fmu: Fmu) -> None:
-    answer = adaptive_fmu("validate", each_fmu.path, "--json")
+def replays(file: Path) -> None:
+    """The experiment of an FMU within its tolerance, by validate."""
+    answer = adaptive_fmu("validate", file, "--json")
     assert answer.returncode == 0, answer
     [replayed] = json.loads(answer.stdout)["experiments"]
     assert replayed["experiment"] == "reference" and replayed["outputs"]
     assert [output for output in replayed["outputs"] if not output["largest"] <= replayed["tolerance"]] == []
+
+
+def test_validate_replays_the_experiment(each_fmu: Fmu) -> None:
+    replays(each_fmu.path)
 
 
 def test_validate_finds_a_wrong_reference(fmu: Callable[[str], Fmu], tmp_path: Path) -> None:
@@ -265,21 +278,42 @@ RELATED = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
+MOTOR = """
+name = "Motor"
+model = "state-space"
+description = "A motor"
+
+[experiment]
+stop_time = 0.1
+step = 0.001
+
+[structure]
+A = [[-0.5, 250.0], [-25.0, -500.0]]
+B = [[0.0], [500.0]]
+C = [[1.0, 0.0]]
+"""
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.02])
-def test_an_fmu_of_another_tool_is_compared_with_its_references(factor: float, tmp_path: Path) -> None:
-    """A motor in C: 12 V from rest, by the exact solution of its two linear rates, and by one that is 2 % off."""
-    file = in_c(tmp_path)
+def test_an_fmu_with_experiments_of_another_tool_is_compared_with_its_references(factor: float, tmp_path: Path) -> None:
+    """A motor from rest at 5 V, by the exact solution of its two linear rates, and by one with an error of 2 %."""
+    (tmp_path / "Motor.toml").write_text(MOTOR)
+    assert adaptive_fmu("export", "Motor.toml", "--no-reference-results", "--out", "fmus", folder=tmp_path).returncode == 0
     rates, force = np.array([[-0.5, 250.0], [-25.0, -500.0]]), np.array([0.0, 500.0])
     poles, modes = np.linalg.eig(rates)
     rest = np.linalg.solve(rates, -force * 5.0)
     times = np.arange(0.01, 0.1, 0.01)
     speeds = [(rest + (modes @ (np.exp(poles * t) * np.linalg.solve(modes, -rest))).real)[0] for t in times]
     rows = "".join(f"{time!r},{factor * speed!r}\n" for time, speed in zip(times.tolist(), map(float, speeds), strict=True))
-    with zipfile.ZipFile(file, "a") as archive:
+    file = tmp_path / "Motor.fmu"
+    with zipfile.ZipFile(tmp_path / "fmus" / "Motor.fmu") as own, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in own.namelist():
+            if name != MANIFEST:
+                archive.writestr(name, own.read(name))
         archive.writestr(MANIFEST, RELATED)
         archive.writestr(f"{FOLDER}/tests/smoke.exp", EXPERIMENT)
-        archive.writestr(f"{FOLDER}/tests/in put.csv", "time,voltage\n0,5\n0.1,5\n")
-        archive.writestr(f"{FOLDER}/tests/out.csv", f"time,speed\n{rows}")
+        archive.writestr(f"{FOLDER}/tests/in put.csv", "time,u[1]\n0,5\n0.1,5\n")
+        archive.writestr(f"{FOLDER}/tests/out.csv", f"time,y[1]\n{rows}")
     answer = adaptive_fmu("validate", file, "--json")
     told = json.loads(answer.stdout)
     [replayed] = told["experiments"]
