@@ -116,9 +116,9 @@ impl Extrapolation {
         states: &[f64],
     ) -> Result<(Option<usize>, f64), Stuck> {
         let (mut work, mut best) = (1.0, (f64::INFINITY, SHRINK));
-        for column in 0..COLUMNS {
-            self.midpoint(problem, t, length, states, SUBSTEPS[column])?;
-            work += SUBSTEPS[column] as f64;
+        for (column, substeps) in SUBSTEPS.into_iter().enumerate() {
+            self.midpoint(problem, t, length, states, substeps)?;
+            work += substeps as f64;
             let error = self.extrapolated(column, states);
             if column == 0 {
                 continue;

@@ -54,7 +54,7 @@ impl From<String> for Missing {
 pub(super) fn trajectory(model: &Arc<Model>, plan: &Plan, accuracy: Accuracy) -> Result<Trajectory, Missing> {
     let mut master = Master::begin(model, plan, accuracy)?;
     let mut rows = Vec::with_capacity(plan.rows.len());
-    let points = plan.rows.iter().chain(plan.changes.iter().map(|(point, _)| point));
+    let points = plan.rows.iter().chain(plan.changes.keys());
     let mut points: Vec<usize> = points.copied().collect();
     points.sort_unstable();
     points.dedup();
