@@ -4,11 +4,11 @@
 //! Their formats are two young ones of the Modelica Association. This is what was taken from where:
 //!
 //! - **FMI-LS-REF 1.0.0-beta.1** (modelica/fmi-ls-ref, tag `v1.0.0-beta.1`, commit 70ee1b8 of 1 July 2026): the folder [`FOLDER`], the
-//!   manifest's name, its root `fmiReferences` with three attributes of the namespace [`NAMESPACE`], `Related` with `type`, `source`,
+//!   manifest's name, its root `fmiReferences` with three attributes of the namespace `NAMESPACE`, `Related` with `type`, `source`,
 //!   `role` and `description`, the roles, how a relative `source` is resolved, and that a parameter set applies as it is. Manifests
 //!   were checked against `schema/fmi3LayeredStandardReferenceManifest.xsd` of commit 596a89d of 2 July 2026, which differs from that
 //!   of the tag in one invalid `xs:import` only. The text still has `1.0.0-alpha.1` for `fmi-ls-version`, which the schema leaves open:
-//!   [`VERSION`] is that of the tag.
+//!   `VERSION` is that of the tag.
 //! - **The experiments format** (modelica/ma-hs-experiments), as its page has it and as it was in FMI-LS-REF up to commit a88b22f of
 //!   17 June 2026, `schema/fmi3LayeredStandardReferenceExperiments.xsd`, against which files were checked: `Experiments` and
 //!   `Experiment` with `name`, `description`, `startTime`, `stopTime`, `tolerance` and `stepSize`; `Parameters`, `Stimuli` and
