@@ -6,7 +6,7 @@ struct Log {
     int count;
 };
 
-static void tell(Log *log, int category, const char *text, const real *values, int count)
+static void log_text(Log *log, int category, const char *text, const real *values, int count)
 {
     (void)category;
     (void)text;
