@@ -336,7 +336,7 @@ fn structures_that_are_none_are_refused() {
     let text = description("L1PpfTwoLinkRobot");
     for (from, to, named) in [
         ("baseline = \"inside\"\n", "", "where a control shows after two derivatives"),
-        ("baseline = \"inside\"\n", "baseline = \"inside\"\nunmatched = true\n", "unmatched: this law cancels matched"),
+        ("baseline = \"inside\"\n", "baseline = \"inside\"\nunmatched = true\n", "cancels only matched uncertainty"),
         ("[1.0, 0.0], [0.0, 1.0]]", "[1.0, 0.0], [1.0, 0.0]]", "C A B: least singular value"),
         ("B = [[0.0, 0.0]", "B = [[1.0, 0.0]", "C B: largest entry"),
     ] {
