@@ -336,7 +336,7 @@ struct Wanted {
 fn export_one(source: &Source, library: &Library, out: &Path, wanted: &Wanted) -> Tried {
     let Exported { file, without } = related::export(source, library, out, &wanted.content, wanted.results)?;
     if let Some(reason) = without {
-        remark!("{} has no reference results: {reason}", file.display());
+        remark!("{} is complete, but without reference results: {reason}", file.display());
     }
     Ok(file)
 }

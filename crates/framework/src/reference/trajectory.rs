@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::extrapolation::{Extrapolation, Rates, Stuck};
-use super::stimuli::{Plan, set_inputs, set_start};
+use super::stimuli::{Plan, rounded, set_inputs, set_start};
 use crate::execution::Execution;
 use crate::integrator::Work;
 use crate::model::Model;
@@ -155,8 +155,10 @@ impl Master {
     fn step(&mut self, end: f64) -> Result<(), Missing> {
         let (begun, most) = (self.time, end - self.time);
         let before = self.states.clone();
-        let length =
-            self.method.step(&mut self.equations, begun, most, &mut self.states).map_err(|stuck| told(begun, stuck))?;
+        let length = self
+            .method
+            .step(&mut self.equations, begun, most, &mut self.states)
+            .map_err(|stuck| missing(begun, stuck))?;
         let mut ends = if length >= most { end } else { begun + length };
         let mut sides = Vec::with_capacity(self.sides.len());
         self.equations.sides(ends, &self.states, &mut sides);
@@ -187,7 +189,7 @@ impl Master {
     fn part(&mut self, begun: f64, length: f64, before: &[f64]) -> Result<(), Missing> {
         self.states.copy_from_slice(before);
         let taken = self.method.part(&mut self.equations, begun, length, &mut self.states);
-        taken.map_err(|stuck| told(begun, stuck))
+        taken.map_err(|stuck| missing(begun, stuck))
     }
 
     /// Handles the event at the present time.
@@ -215,10 +217,11 @@ impl Master {
 }
 
 /// The reason why there is no step.
-fn told(time: f64, stuck: Stuck) -> Missing {
+fn missing(time: f64, stuck: Stuck) -> Missing {
+    let shown = rounded(time, 3);
     let reason = match stuck {
-        Stuck::Work => format!("its integration would take too long: its first {time} s took all work that is allowed"),
-        Stuck::Short => format!("its rates at {time} s allow no step"),
+        Stuck::Work => format!("a more exact integration takes too long beyond {shown} s"),
+        Stuck::Short => format!("a more exact integration finds no step at {shown} s"),
     };
     Missing { reason, reached: (stuck == Stuck::Work).then_some(time) }
 }

@@ -99,11 +99,11 @@ pub fn programs() -> Result<Vec<Binary>, Error> {
     Ok(programs.of)
 }
 
-/// How this program was built, as text. The program holds it, so that one for another platform can be identified.
+/// Build of this program, as text. The program holds it, so that one for another platform can be identified.
 static OWN_BUILD: [u8; build::length(PACKAGE, SOURCE)] = build::text(PACKAGE, SOURCE);
 
-/// How this program was built.
-fn own_build() -> Build {
+/// Build of this program.
+pub(super) fn own_build() -> Build {
     Build::within(&OWN_BUILD).unwrap_or_default()
 }
 

@@ -45,16 +45,20 @@ struct Question {
     name: &'static str,
     /// Function that answers it for this package's models, which are in the program.
     answer: describe::Answer,
+    /// Kind of its cache entry, if the answer takes long and follows from library and text.
+    cached: Option<&'static str>,
 }
 
 /// The question for the FMU of a description, or for the library itself.
-const DESCRIBE: Question = Question { name: "adaptive_fmu_describe", answer: describe::reply };
+const DESCRIBE: Question =
+    Question { name: "adaptive_fmu_describe", answer: describe::reply, cached: Some("described") };
 /// The question for its C source.
-const SOURCE: Question = Question { name: "adaptive_fmu_source", answer: describe::source };
+const SOURCE: Question = Question { name: "adaptive_fmu_source", answer: describe::source, cached: None };
 /// The question for its controller as C for a target.
-const FIRMWARE: Question = Question { name: "adaptive_fmu_firmware", answer: describe::firmware };
+const FIRMWARE: Question = Question { name: "adaptive_fmu_firmware", answer: describe::firmware, cached: None };
 /// The question for a reference experiment.
-const REFERENCE: Question = Question { name: "adaptive_fmu_reference", answer: describe::reference };
+const REFERENCE: Question =
+    Question { name: "adaptive_fmu_reference", answer: describe::reference, cached: Some("referenced") };
 
 /// So many replies are cached.
 const MOST_REPLIES: usize = 128;
@@ -85,7 +89,8 @@ impl Library {
     #[cfg(target_family = "wasm")]
     fn linked() -> Self {
         let path = PathBuf::from("this library");
-        let binaries = Binaries::of(Binary::own(&path, &[]));
+        let (platform, build) = (Platform::own(), binaries::own_build());
+        let binaries = Binaries::of(Binary { platform, file: path.clone(), build, glibc: None });
         Library {
             path,
             checksum: None,
@@ -212,6 +217,11 @@ impl Library {
         describe::read_reference(&reply).map_err(|reason| self.unknown(&reason))
     }
 
+    /// True if its models are those of this program.
+    pub fn is_own(&self) -> bool {
+        self.binaries.all()[0].build.source == binaries::own_models().source
+    }
+
     fn unknown(&self, reason: &str) -> Error {
         let advice = "it was built with another version of adaptive-fmu. Build it again";
         Error::Library(format!("{}: its reply can't be read ({reason}). {advice}", self.path.display()))
@@ -245,20 +255,13 @@ impl Library {
     /// Cache entry of a reply that takes long and follows from the library and the text: a design report takes up to half
     /// a second, and a reference experiment up to a second.
     fn entry(&self, question: &Question, description: &Source) -> Option<Entry> {
-        let kind = if question.name == DESCRIBE.name {
-            "described"
-        } else if question.name == REFERENCE.name {
-            "referenced"
-        } else {
-            return None;
-        };
-        Entry::of(kind, &[self.checksum.as_ref()?, description.text.as_bytes()])
+        Entry::of(question.cached?, &[self.checksum.as_ref()?, description.text.as_bytes()])
     }
 
     fn ask_anew(&self, question: &Question, description: Option<&Source>) -> Result<String, Error> {
-        let own = binaries::own_models();
-        if self.binaries.all()[0].build.source == own.source {
-            return Ok(describe::answered(question.answer, description.map(|source| source.text.as_str()), own));
+        if self.is_own() {
+            let text = description.map(|source| source.text.as_str());
+            return Ok(describe::answered(question.answer, text, binaries::own_models()));
         }
         let text = description.map(|source| CString::new(source.text.as_str())).transpose();
         let text = text.map_err(|_| {

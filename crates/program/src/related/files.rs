@@ -106,7 +106,8 @@ fn results(
 ) -> std::io::Result<Result<Further, String>> {
     // The equations are the same in both versions of the standard.
     let anew = || source.of_standard(Standard::Fmi2).and_then(|source| library.reference(&source));
-    let asked = stored(source, &unit.name).map_or_else(anew, |experiment| Ok(Ok(experiment)));
+    let known = stored(source, &unit.name).filter(|_| library.is_own());
+    let asked = known.map_or_else(anew, |experiment| Ok(Ok(experiment)));
     let experiment = match asked {
         Ok(Ok(experiment)) => experiment,
         Ok(Err(reason)) => return Ok(Err(reason)),

@@ -49,7 +49,7 @@ pub struct Experiment {
 /// The related files of a manifest in a folder of the FMU.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The fault in it.
 pub fn manifest(text: &str, folder: &str) -> Result<Vec<RelatedFile>, String> {
     let document = xml::parse(text)?;
     let root = document.root_element();
@@ -66,7 +66,7 @@ pub fn manifest(text: &str, folder: &str) -> Result<Vec<RelatedFile>, String> {
 /// The experiments of a file in a folder of the FMU that are runs over time.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The fault in it.
 pub fn experiments(text: &str, folder: &str) -> Result<Vec<Experiment>, String> {
     let document = xml::parse(text)?;
     let root = document.root_element();
@@ -115,7 +115,7 @@ fn named(node: Node, folder: &str, usual: &str) -> Result<Named, String> {
     Ok(Named { kind, source: source.to_owned(), place: resolved(folder, source) })
 }
 
-/// Where a URI leads that is relative to a folder of the FMU.
+/// Place of a URI that is relative to a folder of the FMU.
 fn resolved(folder: &str, source: &str) -> Place {
     let scheme = source.split_once(':').map(|(scheme, _)| scheme);
     let letter = |c: char| c.is_ascii_alphanumeric() || "+-.".contains(c);
