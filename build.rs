@@ -38,8 +38,11 @@ fn embed() {
         loops.iter().map(|folder| format!("({:?}, &[\n{}]),\n", name(folder), texts(folder, &["ssd", "ssv"], name)));
     let league = root.join("examples/league");
     println!("cargo::rerun-if-changed={}", league.display());
+    let zoo = root.join("examples/zoo");
+    println!("cargo::rerun-if-changed={}", zoo.display());
+    let zoo = texts(&zoo, &["json", "toml"], name);
     let code = format!(
-        "static LEAGUE: Embedded = &[\n{}];\n\
+        "static LEAGUE: Embedded = &[\n{}];\nstatic ZOO: Embedded = &[\n{zoo}];\n\
          static DESCRIPTIONS: Embedded = &[\n{descriptions}];\nstatic REFERENCES: Embedded = &[\n{references}];\nstatic LOOPS: &[(&str, Embedded)] = &[\n{}];\n\
          static RESPONSES: Embedded = &[\n{responses}];\n",
         texts(&league, &["toml"], name),

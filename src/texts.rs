@@ -29,6 +29,11 @@ pub fn league() -> Embedded {
     LEAGUE
 }
 
+/// Linear plants of textbooks and data sheets: models as JSON, and `plants.toml` with what is known of them.
+pub fn zoo() -> Embedded {
+    ZOO
+}
+
 /// The closed loops of this package: name and files.
 pub fn loops() -> &'static [(&'static str, Embedded)] {
     LOOPS

@@ -23,7 +23,7 @@ from ._loop import Loop, Tuned
 from ._parameters import Estimated, estimate
 from ._program import program
 from ._result import Result
-from ._studies import Explored, compare, explore, league, report, validate
+from ._studies import Explored, compare, explore, league, playground, report, validate
 from ._sweep import Sweep
 from ._units import export, firmware, fmus, kinds, linearise, loops, new, simulate
 from ._verify import Verified, verify
@@ -59,6 +59,7 @@ __all__ = [
     "linearise",
     "loops",
     "new",
+    "playground",
     "program",
     "report",
     "simulate",

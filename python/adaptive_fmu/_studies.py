@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar, Union
 
 import pandas as pd
@@ -167,6 +168,25 @@ def report(only: str | Sequence[str] = (), *, out: PathLike | None = None) -> pd
         examples = done(request).json()["examples"]
     rows = [{"example": example["example"], **claim} for example in examples for claim in example["claims"]]
     return pd.DataFrame(rows, columns=["example", "claim", "holds", "measured", "remark"])
+
+
+def playground(out: PathLike = "playground", *, open: bool = True) -> Path:
+    """Write the page on which a plant becomes a controller, its FMU and its C in the browser, and return its file.
+
+    The page is answered by this package itself, as WebAssembly: it needs no server and no network. A wheel of a release contains
+    what it needs; with a program from a source folder, CONTRIBUTING.md says how to build that.
+
+    out: folder for the files of the page. Default: "playground".
+    open: True to open the page in the browser. Default: True.
+
+    Raises `Error` if the program comes without the library for browsers.
+
+    >>> import adaptive_fmu
+    >>> adaptive_fmu.playground(folder, open=False).name  # doctest: +SKIP
+    'index.html'
+    """
+    request = ["playground", f"--out={os.fspath(out)}", *(["--open"] if open else [])]
+    return Path(done(request).stdout.strip())
 
 
 @contextmanager

@@ -45,7 +45,7 @@ if hasattr(signal, "SIGHUP"):
 # Files whose tests build by cargo, or run the commands of pages as they stand: they lie in one process.
 IN_THE_CHECKOUT = {"test_readme", "test_my_controller", "test_my_plant", "test_peers", "test_notebook", "test_pip", "test_publishing"}
 
-# Files that a commit takes whole. Of all others it takes every seventh test, as its number without the third of loops says: in turn every
+# Files that a commit takes whole. Of all others it takes every 13th test, as its number without the third of loops says: in turn every
 # test meets every loop.
 WHOLE = {"test_sample", "test_words", "test_readme", "test_my_controller"}
 
@@ -64,12 +64,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """A test that is named runs, slow or not; of the others every seventh, of FMUs that are compiled from C sources, too."""
+    """A test that is named runs, slow or not; of the others every 13th, of FMUs that are compiled from C sources, too."""
     if sample.ALL or not COMPILED and any("::" in name or name.endswith(".py") for name in config.args):
         return
     left = {item for item in items if item.get_closest_marker("slow")}
     for file, tests in groupby(items, key=lambda item: item.path.stem):
-        left |= {item for k, item in enumerate(tests) if file not in WHOLE and k % 7 != sample.seventh_of_tests(sample.NUMBER)}
+        left |= {item for k, item in enumerate(tests) if file not in WHOLE and k % sample.PARTS != sample.part_of_tests(sample.NUMBER)}
     config.hook.pytest_deselected(items=[item for item in items if item in left])
     items[:] = [item for item in items if item not in left]
 

@@ -32,9 +32,13 @@ def every_third_loop(number: int) -> list[str]:
     return LOOP_NAMES[number % 3 :: 3]
 
 
-def seventh_of_tests(number: int) -> int:
-    """Which seventh of the tests of each file: each meets each third of the loops."""
-    return number // 3 % 7
+# Parts into which the tests of a file are divided; a commit takes one.
+PARTS = 13
+
+
+def part_of_tests(number: int) -> int:
+    """Which part of the tests of each file: each meets each third of the loops."""
+    return number // 3 % PARTS
 
 
 # For tests of what follows from the framework or from the kind.

@@ -13,5 +13,6 @@ def test_three_samples_have_all_loops() -> None:
     assert sorted(loop for number in range(3) for loop in sample.every_third_loop(number)) == sample.LOOP_NAMES
 
 
-def test_21_samples_have_each_seventh_of_the_tests_with_each_third_of_the_loops() -> None:
-    assert len({(sample.seventh_of_tests(number), *sample.every_third_loop(number)) for number in range(21)}) == 21
+def test_39_samples_have_each_part_of_the_tests_with_each_third_of_the_loops() -> None:
+    samples = range(3 * sample.PARTS)
+    assert len({(sample.part_of_tests(number), *sample.every_third_loop(number)) for number in samples}) == len(samples)

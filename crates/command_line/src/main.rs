@@ -65,6 +65,8 @@ enum Command {
     League(command::league::Arguments),
     /// Show a closed loop in the browser, with sliders for its parameters and plots that update immediately
     Explore(command::explore::Arguments),
+    /// Write a page that makes controllers and FMUs from plants in a browser, without a server
+    Playground(command::playground::Arguments),
     /// Verify a closed loop by random samples: how many runs fail, with a confidence, and which
     Verify(Box<command::verify::Arguments>),
     /// Tune parameters of a closed loop by a particle swarm
@@ -190,6 +192,7 @@ fn execute(command: Command) -> Result<ExitCode, Error> {
         Command::Report(arguments) => command::report::execute(&arguments),
         Command::League(arguments) => command::league::execute(&arguments),
         Command::Explore(arguments) => command::explore::execute(&arguments),
+        Command::Playground(arguments) => command::playground::execute(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Verify(arguments) => command::verify::execute(&arguments),
         Command::Tune(arguments) => command::tune::execute(&arguments),
         Command::Completions(arguments) => Ok(command::completions::execute(&arguments, &Arguments::command())),

@@ -1,7 +1,6 @@
 //! Bytes as text (RFC 4648).
 
 /// Usual digits with padding (section 4), for data in a script.
-#[cfg(not(target_family = "wasm"))]
 #[must_use]
 pub fn padded(bytes: &[u8]) -> String {
     let text = digits(bytes, [b'+', b'/']);

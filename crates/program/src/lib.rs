@@ -8,8 +8,13 @@
 pub mod analysis;
 mod base64;
 pub mod begun;
+#[cfg(target_family = "wasm")]
+#[allow(unsafe_code)]
+mod browser;
 mod c_compiler;
 pub mod cache;
+#[allow(unsafe_code)]
+mod clock;
 mod decimal;
 pub mod designs;
 pub mod distribution;
@@ -30,6 +35,7 @@ pub mod model_description;
 pub mod output;
 pub mod parallel;
 pub mod parquet;
+pub mod playground;
 #[cfg(unix)]
 #[allow(unsafe_code)]
 pub mod process;

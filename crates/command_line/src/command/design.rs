@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use adaptive_fmu::designs::{Candidate, Design, Followed, Kind, Noise, Task, figures, files, page, ranked, shortfall};
 use adaptive_fmu::error::{Error, Invalid};
+use adaptive_fmu::exporter::Library;
 use adaptive_fmu::output::{Files, make_folder};
-use adaptive_fmu::scratch::Scratch;
 use adaptive_fmu::template::{Plant, USUAL_UNCERTAINTY, references};
 use adaptive_fmu::{near, parallel};
 use serde_json::{Value, json};
@@ -96,9 +96,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let kinds = kinds(arguments.kinds.as_ref())?;
     let (task, note) = task(arguments)?.with_names();
     note.iter().for_each(|note| remark!("{note}"));
-    let (units, scratch) = (super::ready::units()?, Scratch::new()?);
+    let units = super::ready::units()?;
     let threads = vec![(); parallel::cores().min(kinds.len())];
-    let try_one = |(): &(), place: usize| task.candidate(&kinds[place], scratch.path(), &units);
+    let try_one = |(): &(), place: usize| task.candidate(&kinds[place], &units);
     let candidates = parallel::each(&threads, kinds.len(), try_one);
     let order = ranked(&task, &candidates);
     let best = order.first().and_then(|&first| candidates[first].outcome.as_ref().ok());
@@ -108,7 +108,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         let reason = format!("no controller was found for this plant. {}", reasons.join("; "));
         return Err(Error::Description { file: arguments.plant.clone(), reason });
     };
-    write(arguments, &task, &candidates, &order, best)?;
+    write(arguments, &task, &candidates, &order, (best, units.library()))?;
     if arguments.json {
         say!("{}", as_json(&candidates, &order, arguments));
     } else {
@@ -201,7 +201,7 @@ fn write(
     task: &Task,
     candidates: &[Candidate],
     order: &[usize],
-    best: &Design,
+    (best, library): (&Design, &Library),
 ) -> Result<(), Error> {
     let out = make_folder(&arguments.out, "")?;
     let name = out.canonicalize().unwrap_or_else(|_| out.clone());
@@ -209,7 +209,7 @@ fn write(
     let plant = arguments.plant.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let page = (PAGE.to_owned(), page(task, candidates, order, &plant));
     let mut written = Files::at(&out);
-    for (name, text) in files(task, candidates, best, &name)?.into_iter().chain([page]) {
+    for (name, text) in files(task, candidates, best, (&name, library))?.into_iter().chain([page]) {
         match arguments.force {
             true => written.add(&name, &text)?,
             false => written.add_new(&name, &text).map_err(there_already)?,

@@ -99,7 +99,7 @@ pub struct Arguments {
     /// Tools with FMI Library 3 refuse FMUs that contain it.
     #[arg(long)]
     terminals: bool,
-    /// Leave out the reference experiment, with which importers check themselves (docs/fmu_behaviour.md)
+    /// Leave out the reference experiment, with which importers check themselves (docs/tools.md)
     #[arg(long, conflicts_with = "firmware")]
     no_reference_results: bool,
     /// Version of FMI: 2 for FMI 2.0, 3 for FMI 3.0 (docs/fmi3.md)
@@ -271,7 +271,7 @@ struct FoundIn {
 }
 
 /// The libraries named, or those built with this program; that of this platform is its own where none is named.
-fn chosen(named: &[String]) -> Result<Library, Error> {
+pub fn chosen(named: &[String]) -> Result<Library, Error> {
     if named.is_empty() {
         return Library::beside_program()?.with_other_platforms();
     }

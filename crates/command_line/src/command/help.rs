@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 /// The commands, by what they are for.
 const GROUPS: [(&str, &[&str]); 6] = [
-    ("Everyday", &["design", "new", "check", "run", "explore", "export"]),
+    ("Everyday", &["design", "new", "check", "run", "explore", "playground", "export"]),
     ("Data", &["identify", "simulate"]),
     ("Comparison", &["compare", "sweep", "verify", "tune", "league"]),
     ("FMUs", &["info", "validate", "linearise", "list"]),

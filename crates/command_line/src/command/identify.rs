@@ -3,7 +3,6 @@
 mod page;
 mod parameters;
 mod plan;
-mod units;
 
 use std::ffi::OsString;
 use std::io::ErrorKind;
@@ -11,13 +10,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use adaptive_fmu::error::{Error, Invalid};
-use adaptive_fmu::report::{self, number};
+use adaptive_fmu::identified::{convert, lines, text_of};
 use adaptive_fmu::tables::{self, Column, Table};
 use adaptive_fmu::template::counted;
 use adaptive_fmu::{begun, near, sealed, text_file};
 use adaptive_fmu_identification::{
-    Cause, Finding, Free, Hold, Identified, Kind, LABEL, Model, Options, Record, Signals, Structure, Verdict,
-    identify_outputs, identify_states, time_of,
+    Cause, Hold, Identified, LABEL, Options, Record, Signals, Structure, identify_outputs, identify_states, time_of,
 };
 use clap::Parser as _;
 use serde_json::Value;
@@ -224,7 +222,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     if arguments.json {
         say!("{}", as_json(&found)?);
     } else {
-        tell_all(&found);
+        lines(&found, true).iter().for_each(|line| say!("{line}"));
         aside!("the model is in {}", out.display());
         page.iter().for_each(|page| aside!("the page is {}", page.display()));
     }
@@ -252,15 +250,6 @@ fn of_cause(cause: Cause, of_states: bool) -> Option<&'static str> {
     }
 }
 
-/// Options that help where something was found.
-fn of_kind(kind: Kind) -> Option<&'static str> {
-    match kind {
-        Kind::Delay => Some("--delay gives dead times"),
-        Kind::Unseen | Kind::ShortRecord | Kind::Kinematics => Some("--structure gives known entries"),
-        _ => None,
-    }
-}
-
 /// A record, and the checksum of its file.
 struct Read {
     record: Record,
@@ -277,7 +266,7 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
         let mut found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
         told_of(file, &assumed(&table, arguments.time.as_deref(), found.len()), &table.left_out);
         for (k, record) in found.iter_mut().enumerate() {
-            let converted = units::convert(record, &arguments.unit)?;
+            let converted = convert(record, &arguments.unit)?;
             // All records of a file have the same columns.
             converted.iter().filter(|_| k == 0).for_each(|line| remark!("{line}"));
         }
@@ -352,70 +341,4 @@ fn read_structure(file: &Path) -> Result<Structure, Error> {
 
 fn as_json(found: &Identified) -> Result<Value, Error> {
     serde_json::to_value(found).map_err(|error| Error::Argument(Invalid::because(error)))
-}
-
-/// The text of a model's file.
-fn text_of(model: &Model) -> Result<String, Error> {
-    let text = serde_json::to_string_pretty(model).map_err(|error| Error::Argument(Invalid::because(error)))?;
-    Ok(format!("{text}\n"))
-}
-
-/// Prints fits, poles, entries and findings.
-fn tell_all(found: &Identified) {
-    let model = &found.model;
-    let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
-    say!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise");
-    for (k, name) in measured.iter().enumerate() {
-        let of = |fits: &[f64]| {
-            fits.get(k)
-                .filter(|fit| !fit.is_nan())
-                .map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0))
-        };
-        let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
-        say!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows));
-    }
-    say!("\n{:24} {:>14} {:>14}", "entry", "value", "std. error");
-    for entry in &found.entries {
-        let place = format!("{}  {}", written(&entry.entry), meaning(&entry.entry, model));
-        say!("{place:24} {:>14} {:>14}", number(entry.value), number(entry.error));
-    }
-    say!("\n{:24} {:>14} {:>14}", "pole, 1/s", "", "std. error");
-    for pole in found.poles.iter().filter(|pole| pole.imaginary >= 0.0) {
-        let imaginary = if pole.imaginary > 0.0 { format!(" ± {}j", number(pole.imaginary)) } else { String::new() };
-        say!("{:39} {:>14}", format!("{}{imaginary}", number(pole.real)), number(pole.error()));
-    }
-    if !model.disturbance.is_empty() {
-        say!("\n{:24} {:>14}", "beyond the model", "at most");
-        model.inputs.iter().zip(&model.disturbance).for_each(|(name, most)| say!("as {name:21} {:>14}", number(*most)));
-        let rates = model.states.iter().zip(&found.unmatched).filter(|(_, most)| **most > 0.0);
-        rates.for_each(|(name, most)| say!("{:24} {:>14}", format!("{name}', by no input"), number(*most)));
-    }
-    say!("\nmethod: {}", model.method);
-    found.findings.iter().for_each(|finding| say!("{}", told(finding)));
-}
-
-/// A finding in words.
-fn told(finding: &Finding) -> String {
-    let verdict = match finding.verdict {
-        Verdict::Note => "note",
-        Verdict::Warning => "warning",
-        Verdict::NotSound => "not sound",
-    };
-    let advice = of_kind(finding.kind).map_or(String::new(), |advice| format!(" ({advice})"));
-    format!("{verdict}: {}{advice}", finding.text)
-}
-
-fn written(Free(matrix, row, column): &Free) -> String {
-    format!("{matrix}[{row},{column}]")
-}
-
-/// Names of the signals that an entry relates, as `speed' / current`.
-fn meaning(Free(matrix, row, column): &Free, model: &Model) -> String {
-    let name = |names: &[String], place: usize| names.get(place - 1).cloned().unwrap_or_default();
-    let (state, from) = (name(&model.states, *row), if matrix == "A" { &model.states } else { &model.inputs });
-    match matrix.as_str() {
-        "A" | "B" if !state.is_empty() => format!("{state}' / {}", name(from, *column)),
-        _ if !state.is_empty() => format!("{state}' in record {column}"),
-        _ => String::new(),
-    }
 }

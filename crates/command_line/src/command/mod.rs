@@ -26,6 +26,7 @@ pub mod new;
 mod number;
 mod open;
 pub mod parameters;
+pub mod playground;
 mod progress;
 mod ready;
 pub mod report;

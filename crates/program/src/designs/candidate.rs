@@ -1,6 +1,6 @@
 //! Candidates: a controller of each kind for a plant, as fast as it should be, and the results of its loop.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use super::series::{Course, Followed};
@@ -168,9 +168,9 @@ impl Task {
         }
     }
 
-    /// The candidate of a kind; the files of its loops are written into a folder.
-    pub fn candidate(&self, kind: &Kind, folder: &Path, units: &Ready) -> Candidate {
-        let outcome = self.check(kind).and_then(|()| self.design(kind, &folder.join(kind.unit()), units));
+    /// The candidate of a kind.
+    pub fn candidate(&self, kind: &Kind, units: &Ready) -> Candidate {
+        let outcome = self.check(kind).and_then(|()| self.design(kind, units));
         Candidate { kind: kind.clone(), outcome: outcome.map_err(|reason| reason.to_string()) }
     }
 
@@ -262,35 +262,35 @@ impl Task {
     }
 
     /// The descriptions of a loop of a controller.
-    fn written(&self, kind: &Kind, attempt: &Attempt, folder: &Path) -> Result<Written, Error> {
+    fn written(&self, kind: &Kind, attempt: &Attempt) -> Result<Written, Error> {
         let own = surroundings(&self.plant, &self.references, attempt.bandwidth, attempt.step())?;
-        Written::new(folder, own.into_iter().chain(attempt.texts(kind)))
+        Ok(Written::new(own.into_iter().chain(attempt.texts(kind))))
     }
 
     /// The loop of a controller.
-    fn trial(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Trial, Error> {
-        let written = self.written(kind, attempt, folder)?;
+    fn trial(&self, kind: &Kind, attempt: &Attempt, units: &Ready) -> Result<Trial, Error> {
+        let written = self.written(kind, attempt)?;
         Ok(Trial::new(&written, attempt.step(), &self.plant, &self.references, units)?.within(PATIENCE))
     }
 
     /// Standard deviations of the controls at rest, if there is noise.
-    fn noise(&self, kind: &Kind, attempt: &Attempt, folder: &Path, units: &Ready) -> Result<Option<Vec<f64>>, Error> {
+    fn noise(&self, kind: &Kind, attempt: &Attempt, units: &Ready) -> Result<Option<Vec<f64>>, Error> {
         if self.noise.is_empty() {
             return Ok(None);
         }
-        let written = (&self.written(kind, attempt, folder)?, attempt.step());
+        let written = (&self.written(kind, attempt)?, attempt.step());
         let trial = Trial::with_noise(written, &self.plant, &self.references, units, &self.noise)?;
         // No reference moves.
         Ok(Some(trial.at_rest(USUAL / attempt.bandwidth)?.deviations()))
     }
 
     /// A controller of a kind that is fast enough, with the results of its loop.
-    fn design(&self, kind: &Kind, folder: &Path, units: &Ready) -> Result<Design, Error> {
+    fn design(&self, kind: &Kind, units: &Ready) -> Result<Design, Error> {
         let settling = |attempt: &Attempt| {
             if let Some(time) = found(&attempt.controller.report, NOMINAL, SETTLING) {
                 return Ok(time);
             }
-            let trial = self.trial(kind, attempt, folder, units)?;
+            let trial = self.trial(kind, attempt, units)?;
             let (followed, _) = trial.steps(None, USUAL / attempt.bandwidth)?;
             Ok(followed.settling.unwrap_or(f64::INFINITY))
         };
@@ -298,7 +298,7 @@ impl Task {
             (None, Some(time)) => self.fast_enough(kind, time, settling)?,
             (bandwidth, _) => self.attempt(kind, bandwidth)?,
         };
-        let trial = self.trial(kind, &attempt, folder, units)?;
+        let trial = self.trial(kind, &attempt, units)?;
         let report = &attempt.controller.report;
         let settles = found(report, UNCERTAIN, SETTLING).or_else(|| found(report, NOMINAL, SETTLING));
         let longest = settles.map_or(USUAL / attempt.bandwidth, |time| LONGER * time);
@@ -312,7 +312,7 @@ impl Task {
             None => trial.steps(other, duration).map_err(|reason| reason.to_string()),
         };
         let corners = report.worst.iter().map(|other| (other.clone(), ran(Some(other)))).collect();
-        let noise = self.noise(kind, &attempt, folder, units)?;
+        let noise = self.noise(kind, &attempt, units)?;
         let (nominal, texts) = (ran(None), attempt.texts(kind));
         let Attempt { controller, observer, bandwidth } = attempt;
         let operations = controller.operations + observer.map_or(0, |observer| observer.operations);
@@ -412,6 +412,11 @@ impl Attempt {
         let observer = self.observer.iter().map(|observer| (OBSERVER.to_owned(), observer.text.clone()));
         [(kind.unit(), self.controller.text.clone())].into_iter().chain(observer).collect()
     }
+}
+
+/// The settling time of the nominal loop in a design report, s.
+pub fn settling_time(report: &DesignReport) -> Option<f64> {
+    found(report, NOMINAL, SETTLING)
 }
 
 /// A number of a design report.

@@ -1,10 +1,11 @@
 //! The loop of a candidate and a linear plant, as FMUs that are stepped in turn.
 
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::series::{Course, Followed};
 use super::written::Written;
+use crate::clock::Instant;
 use crate::error::{Error, Invalid};
 use crate::fmu::Ready;
 use crate::league::bench::{Benched, SENSOR, benched};
@@ -61,7 +62,7 @@ impl Trial {
     /// # Errors
     /// When it can't be closed.
     pub fn new(written: &Written, step: f64, plant: &Plant, sizes: &[f64], units: &Ready) -> Result<Self, Error> {
-        Self::of_structure(written.structure(wishes(step))?.0, plant, sizes, units)
+        Self::of_structure(written.structure(units.library(), wishes(step))?.0, plant, sizes, units)
     }
 
     /// The same with sensors between the plant and the components that measure it.
@@ -75,7 +76,7 @@ impl Trial {
         units: &Ready,
         noise: &[Noise],
     ) -> Result<Self, Error> {
-        let (plain, _) = written.structure(wishes(step))?;
+        let (plain, _) = written.structure(units.library(), wishes(step))?;
         let unit = plain.components.iter().find(|unit| unit.name == PLANT);
         let unit = unit.ok_or_else(|| plain.refuse(0, "there is no plant"))?;
         let described = units.fmu(&plain.description_of(&unit.fmu)?)?;

@@ -1,25 +1,19 @@
 //! The worst plant within the uncertainty of a description, from a search with runs of its loop as FMUs.
 #![allow(non_snake_case)] // matrices have the names of the field
 
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use super::candidate::{PLANT, REFERENCE, surroundings};
+use super::design_loop::{DesignLoop, nominal_of};
 use super::series::{Course, Followed};
 use super::trial::Trial;
-use super::written::Written;
+use crate::clock::Instant;
 use crate::design::robustness::assumed::Assumed;
 use crate::design::robustness::bounds::Bounds;
 use crate::error::Error;
-use crate::exporter::{Source, describe};
+use crate::exporter::Source;
 use crate::fmu::Ready;
-use crate::model::Description;
-use crate::model_description::ModelDescription;
 use crate::nominal::{NominalPlant, WorstPlant};
 use crate::parallel;
-use crate::scratch::Scratch;
-use crate::system::Words;
-use crate::template::{Plant, Signals};
 use crate::tuning::{Motion, Swarm};
 use crate::workers::{employed, results};
 
@@ -43,7 +37,7 @@ pub struct WorstCase {
 
 /// Figures of the loop of a description.
 #[derive(Debug)]
-pub struct Steps {
+pub(super) struct Steps {
     /// Steps of the references.
     pub followed: Followed,
     /// Name of each control, and the larger of its limits.
@@ -61,8 +55,6 @@ pub struct Cases {
     bounds: Bounds,
     trial: Trial,
     duration: f64,
-    /// Its FMUs lie there.
-    _scratch: Scratch,
 }
 
 impl Cases {
@@ -72,12 +64,11 @@ impl Cases {
     /// When the description has no uncertain plant, or its loop can't be closed by the names of its signals.
     pub fn new(source: &Source, units: &Ready) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-        let (description, nominal) = nominal_of(source)?;
+        let (_, nominal) = nominal_of(source)?;
         let bounds = bounds(&nominal).ok_or_else(|| refuse("[nominal] has no uncertainty".to_owned()))?;
-        let scratch = Scratch::new()?;
-        let (trial, _) = closed(&description, source, &nominal, scratch.path(), units)?;
+        let trial = DesignLoop::new(source, units.library())?.trial(units)?;
         let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
-        Ok(Cases { nominal, bounds, trial, duration, _scratch: scratch })
+        Ok(Cases { nominal, bounds, trial, duration })
     }
 
     /// The integral of the squared error of steps of the references with a plant; 0 is the nominal one, −1 and 1 are
@@ -142,10 +133,11 @@ impl Cases {
 ///
 /// # Errors
 /// When the description has no nominal plant, its loop can't be closed by the names of its signals, or a run fails.
-pub fn steps(source: &Source, units: &Ready) -> Result<Option<Steps>, Error> {
-    let (description, nominal) = nominal_of(source)?;
-    let scratch = Scratch::new()?;
-    let (trial, controls) = closed(&description, source, &nominal, scratch.path(), units)?;
+pub(super) fn steps(source: &Source, units: &Ready) -> Result<Option<Steps>, Error> {
+    let (_, nominal) = nominal_of(source)?;
+    let design = DesignLoop::new(source, units.library())?;
+    let DesignLoop { controls, .. } = &design;
+    let (trial, controls) = (design.trial(units)?, controls.clone());
     let (trial, duration) = (trial.within(PATIENCE), DURATION / nominal.bandwidth.unwrap_or(1.0));
     let has_others = bounds(&nominal).is_some();
     if !trial.is_short(duration) {
@@ -155,14 +147,6 @@ pub fn steps(source: &Source, units: &Ready) -> Result<Option<Steps>, Error> {
         Err(_) if trial.is_spent() => Ok(None),
         ran => ran.map(|(followed, _)| Some(Steps { followed, controls, duration, has_others })),
     }
-}
-
-fn nominal_of(source: &Source) -> Result<(Description, NominalPlant), Error> {
-    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-    let description = Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
-    let nominal = description.nominal.clone();
-    let nominal = nominal.ok_or_else(|| refuse("there is no table [nominal] with the plant".to_owned()))?;
-    Ok((description, nominal))
 }
 
 /// The bounds of the uncertain entries; `None` if nothing is uncertain.
@@ -176,76 +160,6 @@ fn plant_at(nominal: &NominalPlant, bounds: &Bounds, position: &[f64]) -> WorstP
     let (A, B) = (&nominal.A + bounds.A.component_mul(&place.A), &nominal.B + bounds.B.component_mul(&place.B));
     let [A, B] = [A, B].map(|matrix| matrix.row_iter().map(|row| row.iter().copied().collect()).collect());
     WorstPlant { respects: vec!["squared error".to_owned()], A, B }
-}
-
-/// The loop of a description with its nominal plant, whose signals have the names of the controller's. Returns the
-/// controls with the larger of their limits, too.
-fn closed(
-    description: &Description,
-    source: &Source,
-    nominal: &NominalPlant,
-    folder: &Path,
-    units: &Ready,
-) -> Result<(Trial, Vec<(String, f64)>), Error> {
-    let names = |variable: &str| -> Option<Vec<String>> {
-        let Words::Each(words) = description.names.get(variable)? else { return None };
-        words.iter().map(|word| word.name().map(str::to_owned)).collect()
-    };
-    let (described, _) = describe(source, units.library())?;
-    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-    let xml = ModelDescription::read(&described.model_description).map_err(refuse)?;
-    let unit = |name: String| xml.variable(&name).and_then(|variable| variable.unit.clone()).unwrap_or_default();
-    let signals = |variable: &str, count: usize| {
-        let named = names(variable);
-        let own = named.clone().unwrap_or_else(|| (1..=count).map(|i| format!("{variable}[{i}]")).collect());
-        let units: Vec<_> = own.into_iter().map(unit).collect();
-        let is_known = units.iter().any(|unit| !unit.is_empty());
-        Signals {
-            names: named.unwrap_or_default(),
-            units: if is_known { units } else { Vec::new() },
-            texts: Vec::new(),
-        }
-    };
-    let outputs = |count: usize| {
-        let of_reference = signals("r", count);
-        let plain = |name: &String| name.strip_suffix("_reference").unwrap_or(name).to_owned();
-        let own = signals("y", count);
-        let names = if own.names.is_empty() { of_reference.names.iter().map(plain).collect() } else { own.names };
-        Signals { names, ..of_reference }
-    };
-    let ((n, m), p) = (nominal.B.shape(), nominal.C.nrows());
-    let reference = nominal.reference.clone().unwrap_or_else(|| vec![1.0; nominal.C.nrows()]);
-    let plant = Plant {
-        A: nominal.A.clone(),
-        B: nominal.B.clone(),
-        C: nominal.C.clone(),
-        D: None,
-        x: signals("x", n),
-        u: signals("u", m),
-        y: outputs(p),
-        limits: None,
-        records: None,
-        delay: if nominal.is_delayed() { nominal.delay.clone() } else { Vec::new() },
-    };
-    let bandwidth = nominal.bandwidth.unwrap_or(1.0);
-    let surroundings = surroundings(&plant, &reference, bandwidth, description.experiment.step)?;
-    let own = (description.name.clone(), source.text.clone());
-    if [PLANT, REFERENCE].contains(&own.0.as_str()) {
-        return Err(Error::Loop {
-            file: source.file.clone(),
-            reason: format!("{} is the name of another component of the loop. Give the controller another name", own.0),
-        });
-    }
-    let written = Written::new(folder, surroundings.into_iter().chain([own]))?;
-    let limit =
-        |name: String| xml.variable(&name).and_then(|variable| variable.start.as_ref()?.parse().ok()).map(f64::abs);
-    let control = |j: usize| {
-        let name = plant.u.names.get(j).cloned().unwrap_or_else(|| format!("u[{}]", j + 1));
-        let limits = ["u_min", "u_max"].map(|which| limit(format!("{which}[{}]", j + 1)).unwrap_or(f64::INFINITY));
-        (name, limits[0].max(limits[1]))
-    };
-    let controls = (0..m).map(control).collect();
-    Ok((Trial::new(&written, description.experiment.step, &plant, &reference, units)?, controls))
 }
 
 impl Trial {

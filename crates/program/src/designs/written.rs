@@ -1,38 +1,32 @@
-//! Descriptions of a loop in a folder.
+//! Descriptions that become a loop.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::error::Error;
-use crate::structure::{Draft, Found, LoopFiles, STRUCTURE, Structure, Wishes};
+use crate::exporter::{Library, Source};
+use crate::structure::{Draft, DraftUnit, LoopFiles, STRUCTURE, Structure, Wishes};
 
-/// Files of a loop: descriptions of its FMUs.
-#[derive(Debug, Clone)]
-pub(super) struct Written {
-    folder: PathBuf,
-    files: Vec<String>,
-}
+/// Descriptions of the FMUs of a loop, with their files as its structure names them.
+#[derive(Debug, Clone, Default)]
+pub struct Written(Vec<(String, Source)>);
 
 impl Written {
-    /// Writes descriptions, by the names of their FMUs, into a new folder.
-    ///
-    /// # Errors
-    /// When the files can't be written.
-    pub fn new(folder: &Path, texts: impl IntoIterator<Item = (String, String)>) -> Result<Self, Error> {
-        std::fs::create_dir_all(folder).map_err(Error::file(folder))?;
-        let write = |(name, text): (String, String)| {
-            let name = format!("{name}.toml");
-            let file = folder.join(&name);
-            std::fs::write(&file, text).map_err(Error::file(&file))?;
-            Ok(name)
-        };
-        let files = texts.into_iter().map(write).collect::<Result<_, Error>>()?;
-        Ok(Written { folder: folder.to_owned(), files })
+    /// Descriptions in the loop's folder, by the names of their FMUs.
+    pub fn new(texts: impl IntoIterator<Item = (String, String)>) -> Self {
+        Written::default().with("", texts)
     }
 
-    /// Adds descriptions from the folder above, by the names of their FMUs.
+    /// Adds descriptions from the folder above.
     #[must_use]
-    pub fn beside<'a>(mut self, names: impl IntoIterator<Item = &'a str>) -> Self {
-        self.files.extend(names.into_iter().map(|name| format!("../{name}.toml")));
+    pub fn beside(self, texts: impl IntoIterator<Item = (String, String)>) -> Self {
+        self.with("../", texts)
+    }
+
+    fn with(mut self, folder: &str, texts: impl IntoIterator<Item = (String, String)>) -> Self {
+        self.0.extend(texts.into_iter().map(|(name, text)| {
+            let file = format!("{name}.toml");
+            (format!("{folder}{file}"), Source::read(PathBuf::from(file), text))
+        }));
         self
     }
 
@@ -40,14 +34,23 @@ impl Written {
     ///
     /// # Errors
     /// When they can't be connected.
-    pub fn structure(&self, wishes: Wishes) -> Result<(Structure, String), Error> {
-        let mut found = Found::new(&self.folder);
-        let unit = |file: &String| found.unit(&self.folder.join(file).to_string_lossy());
-        let draft = Draft::new(self.files.iter().map(unit).collect::<Result<_, _>>()?, wishes)?;
+    pub fn structure(&self, library: &Library, wishes: Wishes) -> Result<(Structure, String), Error> {
+        let unit = |(place, source): &(String, Source)| DraftUnit::of_description(source, place.clone(), library);
+        let draft = Draft::new(self.0.iter().map(unit).collect::<Result<_, _>>()?, wishes)?;
         if let Some(open) = draft.open().first() {
-            return Err(Error::Loop { file: self.folder.join(STRUCTURE), reason: open.clone() });
+            return Err(Error::Loop { file: PathBuf::from(STRUCTURE), reason: open.clone() });
         }
         let text = draft.text();
-        Ok((Structure::parse(&text, &LoopFiles::within(&self.folder))?, text))
+        Ok((Structure::parse(&text, &self.files(None))?, text))
+    }
+
+    /// The files of the loop, with the text of its structure if there is one.
+    pub fn files(&self, structure: Option<String>) -> LoopFiles {
+        LoopFiles::held(structure, self.sources().cloned())
+    }
+
+    /// Its descriptions.
+    pub fn sources(&self) -> impl Iterator<Item = &Source> {
+        self.0.iter().map(|(_, source)| source)
     }
 }

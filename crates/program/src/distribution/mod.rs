@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
-use crate::exporter::{self, Binary, LIBRARIES, Library};
+use crate::exporter::{self, BROWSER, BROWSER_FILE, Binary, LIBRARIES, Library, browser_library};
 use crate::texts::START;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -53,6 +53,7 @@ pub fn write(
     files.insert("START.txt".to_owned(), START.into());
     files.extend(shell.iter().map(|(path, text)| (format!("share/{path}"), text.clone())));
     let mut programs = Files::from([(program.platform.program_name().to_owned(), read(&program.file)?)]);
+    programs.extend(browser()?.map(|(path, bytes)| (format!("{LIBRARIES}/{path}"), bytes)));
     for Binary { platform, file, .. } in library.binaries() {
         programs.insert(format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name()), read(file)?);
     }
@@ -77,6 +78,12 @@ fn material(source: &Path) -> Result<Files, Error> {
         files.extend(texts.iter().map(|(file, text)| (format!("examples/{name}/{file}"), (*text).into())));
     }
     Ok(files)
+}
+
+/// The library for the page in a browser, if it was built: its place among the libraries, and its bytes.
+fn browser() -> Result<Option<(String, Vec<u8>)>, Error> {
+    let read = |file: PathBuf| Ok((format!("{BROWSER}/{BROWSER_FILE}"), read(&file)?));
+    browser_library().map(read).transpose()
 }
 
 fn entries(files: &[(String, Vec<u8>)]) -> Vec<(&str, &[u8])> {

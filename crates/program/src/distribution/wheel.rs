@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::{Files, VERSION, entries, material, read};
+use super::{Files, VERSION, browser, entries, material, read};
 use crate::base64;
 use crate::error::Error;
 use crate::exporter::{self, Binary, Glibc, LIBRARIES, Library, Platform, SHARED};
@@ -58,6 +58,7 @@ pub fn write(
     let shared = |path: &str| format!("{data}/data/{SHARED}/{path}");
     files.extend(material(source)?.into_iter().map(|(path, bytes)| (shared(&path), bytes)));
     files.extend(shell.iter().map(|(path, text)| (format!("{data}/data/share/{path}"), text.clone())));
+    files.extend(browser()?.map(|(path, bytes)| (shared(&format!("{LIBRARIES}/{path}")), bytes)));
     for Binary { platform, file, .. } in library.binaries() {
         let path = format!("{LIBRARIES}/{}/{}", platform.folder, platform.library_name());
         files.insert(shared(&path), read(file)?);

@@ -26,11 +26,14 @@ impl Backend {
     /// The server of the page.
     pub const SERVER: Backend = Backend(&[("server.js", include_str!("server.js"))]);
     /// This package's library within the page, in [`PROGRAM`].
-    const LIBRARY: Backend = Backend(&[("browser.js", include_str!("browser.js"))]);
+    const LIBRARY: Backend = Backend(&[LIBRARY_SCRIPT, ("browser.js", include_str!("browser.js"))]);
 }
 
 /// The file with the library for a page without a server, by far the largest.
-const PROGRAM: &str = "program.js";
+pub const PROGRAM: &str = "program.js";
+
+/// The script that runs it.
+pub const LIBRARY_SCRIPT: (&str, &str) = ("library.js", include_str!("library.js"));
 
 /// The scripts of any page, in their order, without those of its backend.
 const SCRIPTS: [(&str, &str); 4] = [
@@ -63,11 +66,8 @@ pub(super) fn html(name: &str, backend: Backend, query: &str) -> String {
 /// # Errors
 /// When the library isn't WebAssembly, or a file can't be written.
 pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<PathBuf, Error> {
-    let (file, bytes) = library;
-    check(bytes).map_err(|reason| Error::Library(format!("{}: {reason}", file.display())))?;
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
-    let program = program(bytes).map_err(Error::file(file))?;
-    output::write(&out.join(PROGRAM), program)?;
+    output::write(&out.join(PROGRAM), program(library)?)?;
     let others = SCRIPTS.iter().chain(Backend::LIBRARY.0).map(|(name, _)| *name).chain(["explore.css"]);
     for name in others {
         let (_, text) = self::file(name, Backend::LIBRARY).unwrap_or_default();
@@ -101,9 +101,21 @@ fn holds(bytes: &[u8], text: &[u8]) -> bool {
     bytes.windows(text.len()).any(|place| place == text)
 }
 
-/// The library as a script, compressed, as text. A page may load it from a file as well as from a server.
-fn program(bytes: &[u8]) -> io::Result<String> {
+/// The library of this package as a script, compressed, as text. A page may load it from a file as well as from a server.
+///
+/// # Errors
+/// When the file isn't this library as WebAssembly.
+pub fn program((file, bytes): (&Path, &[u8])) -> Result<String, Error> {
+    check(bytes).map_err(|reason| Error::Library(format!("{}: {reason}", file.display())))?;
+    Ok(format!("'use strict';\nconst PROGRAM = '{}';\n", compressed(bytes).map_err(Error::file(file))?))
+}
+
+/// Bytes for a script: compressed (gzip), as base64.
+///
+/// # Errors
+/// None, as they are in memory.
+pub fn compressed(bytes: &[u8]) -> io::Result<String> {
     let mut compressed = GzEncoder::new(Vec::new(), Compression::best());
     compressed.write_all(bytes)?;
-    Ok(format!("'use strict';\nconst PROGRAM = '{}';\n", base64::padded(&compressed.finish()?)))
+    Ok(base64::padded(&compressed.finish()?))
 }

@@ -271,7 +271,7 @@ fn choose(structure: &Structure, parameters: &mut [Parameter]) {
 
 /// Place of a parameter in lists: the most used come first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Rank {
+pub(crate) enum Rank {
     /// Poles, gains, and others that users change first.
     Gain,
     Other,
@@ -279,7 +279,7 @@ enum Rank {
     Numbers,
 }
 
-fn rank(name: &str) -> Rank {
+pub(crate) fn rank(name: &str) -> Rank {
     let plain = name.split('[').next().unwrap_or(name);
     let has = |words: &[&str]| words.iter().any(|word| name.contains(word));
     if LIMITS.iter().any(|end| plain.ends_with(end)) {

@@ -13,9 +13,9 @@ use serde_json::{Value, json};
 
 use super::blocks;
 use super::cases::Base;
-use super::clock::Instant;
 use super::parameters::{Parameter, written};
 use super::steps::{Step, Steps};
+use crate::clock::Instant;
 use crate::error::Error;
 use crate::fmu;
 use crate::results::{Ending, Report, measure};
@@ -62,7 +62,7 @@ pub struct Session {
 /// Request of a page: values in place of those of a case.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Wanted {
+pub(crate) struct Wanted {
     /// The page, and the number of its request.
     #[serde(default)]
     pub page: String,
@@ -149,7 +149,7 @@ impl Session {
     }
 
     /// Data that a page shows before the first run.
-    pub(super) fn told(&self) -> Value {
+    pub(crate) fn told(&self) -> Value {
         let Base { structure, loaded, .. } = &self.bases[0];
         let notes = [&self.notes[..], loaded.notes()].concat();
         let values = |base: &Base| {
@@ -208,7 +208,7 @@ impl Session {
 
     /// Runs the loop and reports its progress. It ends early if nobody listens any more, or for a newer request of the
     /// same page.
-    pub(super) fn run(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
+    pub(crate) fn run(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
         let _running = Arc::clone(&self.running);
         let (base, values) = self.find(wanted)?;
         self.begin(wanted);

@@ -28,7 +28,7 @@ pub(super) fn plain(name: &str) -> Result<&str, String> {
 
 impl Session {
     /// The parameter set of all differences from the loop of the files, for `run --case`.
-    pub(super) fn set(&self, wanted: &Wanted) -> Result<String, String> {
+    pub(crate) fn set(&self, wanted: &Wanted) -> Result<String, String> {
         let name = plain(&wanted.name)?;
         let (base, values) = self.find(wanted)?;
         let moved: BTreeMap<&str, &Value> = values.iter().map(|(it, value)| (it.name.as_str(), value)).collect();

@@ -8,7 +8,7 @@ use crate::structure::{Event, Origin, Settings, within_run};
 /// An event of a page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Step {
+pub(crate) struct Step {
     /// Time, s.
     pub time: f64,
     /// The variable, by its name in the loop.
@@ -19,7 +19,7 @@ pub(super) struct Step {
 
 /// The events of a run, for its report and for its instances.
 #[derive(Debug, Default)]
-pub(super) struct Steps {
+pub(crate) struct Steps {
     pub events: Vec<Event>,
     pub changes: Vec<Change>,
 }

@@ -63,11 +63,11 @@ pub enum Libraries<'a> {
     Own(&'a [(String, Vec<u8>)]),
 }
 
-/// Writes an FMU; a file of that name is replaced at the end, or not at all.
+/// The bytes of an FMU, whose file is for messages.
 ///
 /// # Errors
-/// When files can't be read or written.
-pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<(), Error> {
+/// When libraries can't be read.
+pub fn packed(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<Vec<u8>, Error> {
     let Contents { unit, build, description, appearance, sources, further } = contents;
     let build = serde_json::to_string_pretty(build).map_err(|error| Error::file(file)(error.into()))?;
     let (standard, xml) = match &unit.model_description_3 {
@@ -104,7 +104,15 @@ pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<
             add(&mut zip, &own, 0o755).map_err(refused(file))?;
         }
     }
-    replace(file, zip)
+    finished(file, zip)
+}
+
+/// The bytes of an archive of some entries.
+///
+/// # Errors
+/// When there are too many.
+pub fn packed_entries(file: &Path, entries: &[(&str, &[u8])]) -> Result<Vec<u8>, Error> {
+    finished(file, zipped(entries).map_err(refused(file))?)
 }
 
 /// Writes an archive of some entries; a file of that name is replaced at the end, or not at all.
@@ -112,7 +120,7 @@ pub fn write(file: &Path, contents: &Contents, libraries: &Libraries) -> Result<
 /// # Errors
 /// When it can't be written.
 pub fn write_entries(file: &Path, entries: &[(&str, &[u8])]) -> Result<(), Error> {
-    replace(file, zipped(entries).map_err(refused(file))?)
+    output::write(file, packed_entries(file, entries)?)
 }
 
 /// Writes an archive of some entries, and of others that can be run, likewise.
@@ -122,15 +130,14 @@ pub fn write_entries(file: &Path, entries: &[(&str, &[u8])]) -> Result<(), Error
 pub fn write_program(file: &Path, entries: &[(&str, &[u8])], programs: &[(&str, &[u8])]) -> Result<(), Error> {
     let mut zip = zipped(entries).map_err(refused(file))?;
     add(&mut zip, programs, 0o755).map_err(refused(file))?;
-    replace(file, zip)
+    output::write(file, finished(file, zip)?)
 }
 
 type Zip = ZipWriter<Cursor<Vec<u8>>>;
 
-/// Finishes an archive, and puts it in the place of a file.
-fn replace(file: &Path, zip: Zip) -> Result<(), Error> {
-    let bytes = zip.finish().map_err(refused(file))?.into_inner();
-    output::write(file, bytes)
+/// The bytes of an archive at its end.
+fn finished(file: &Path, zip: Zip) -> Result<Vec<u8>, Error> {
+    zip.finish().map(Cursor::into_inner).map_err(refused(file))
 }
 
 /// The same entries always give the same bytes: no times, no owners.

@@ -1,5 +1,6 @@
 //! One library for several platforms, as FMUs hold it.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::io::{Cursor, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -18,6 +19,11 @@ use crate::library::{PACKAGE, REGISTRY, SOURCE};
 use crate::model::Standard;
 use crate::text_file;
 
+/// Folder of this package's library for browsers, beside those of platforms, and its name.
+pub const BROWSER: &str = "browser";
+/// See [`BROWSER`].
+pub const BROWSER_FILE: &str = "adaptive_fmu.wasm";
+
 /// A library for a platform.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Binary {
@@ -29,6 +35,8 @@ pub struct Binary {
     pub build: Build,
     /// The oldest glibc that it can be loaded with, where it asks for one.
     pub glibc: Option<Glibc>,
+    /// Its bytes, if they are in no file.
+    pub held: Option<Vec<u8>>,
 }
 
 impl Binary {
@@ -53,18 +61,18 @@ impl Binary {
     }
 
     /// A library of this package; none where it is something else.
-    fn of_bytes(file: &Path, bytes: &[u8]) -> Result<Option<Self>, Error> {
+    pub(super) fn of_bytes(file: &Path, bytes: &[u8]) -> Result<Option<Self>, Error> {
         let Some(build) = Build::within(bytes) else { return Ok(None) };
         let platform = Platform::of_target(&build.target).ok_or_else(|| {
             Error::Library(format!("{}: is for {}, which FMUs do not support", file.display(), build.target))
         })?;
-        Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }))
+        Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes), held: None }))
     }
 
     /// The library for this platform.
     pub(super) fn own(file: &Path, bytes: &[u8]) -> Self {
         let build = Build::within(bytes).unwrap_or_default();
-        Binary { platform: Platform::own(), file: file.to_owned(), build, glibc: Glibc::asked_by(bytes) }
+        Binary { platform: Platform::own(), file: file.to_owned(), build, glibc: Glibc::asked_by(bytes), held: None }
     }
 }
 
@@ -83,6 +91,14 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
     of_names(places, |platform| platform.library_name())
 }
 
+/// This package's library for browsers, which comes with the program, or which cargo built of the same sources.
+pub fn browser_library() -> Option<PathBuf> {
+    let program = std::env::current_exe().ok()?;
+    let folder = program.parent()?;
+    let places = library_folders(folder).map(|libraries| libraries.join(BROWSER)).chain(of_targets(folder));
+    places.map(|place| place.join(BROWSER_FILE)).find(|file| file.is_file())
+}
+
 /// This program, and what cargo left of the same sources for other platforms, or for older systems of this one.
 ///
 /// # Errors
@@ -90,7 +106,7 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
-    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone() };
+    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone(), held: None };
     let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // Libraries of other sources are reported when libraries are taken.
@@ -214,14 +230,15 @@ impl Binaries {
         if let Some(packed) = self.packed.get() {
             return Ok(packed);
         }
-        let packed = self.of.iter().map(|binary| packed(&binary.file)).collect::<Result<_, _>>()?;
+        let packed = self.of.iter().map(packed).collect::<Result<_, _>>()?;
         Ok(self.packed.get_or_init(|| packed))
     }
 }
 
 /// A library as an archive of one entry. Compressing takes most of the time of an export, so the result is cached.
-fn packed(file: &Path) -> Result<Vec<u8>, Error> {
-    let bytes = std::fs::read(file).map_err(Error::file(file))?;
+fn packed(Binary { file, held, .. }: &Binary) -> Result<Vec<u8>, Error> {
+    let bytes = held.as_ref().map_or_else(|| std::fs::read(file).map(Cow::Owned), |held| Ok(Cow::Borrowed(held)));
+    let bytes: Cow<Vec<u8>> = bytes.map_err(Error::file(file))?;
     let kept = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);
     if let Some(archive) = kept.as_ref().and_then(cache::Entry::read) {
         return Ok(archive);
@@ -247,7 +264,7 @@ mod tests {
             let file = folder.path().join(target);
             std::fs::write(&file, target).unwrap();
             let build = Build { target: (*target).to_owned(), ..own_build() };
-            Binary { platform: Platform::of_target(target).unwrap(), file, build, glibc: None }
+            Binary { platform: Platform::of_target(target).unwrap(), file, build, glibc: None, held: None }
         };
         let mut all = targets.iter().map(binary);
         let mut binaries = Binaries::of(all.next().unwrap());

@@ -90,15 +90,36 @@ impl Library {
     fn linked() -> Self {
         let path = PathBuf::from("this library");
         let (platform, build) = (Platform::own(), binaries::own_build());
-        let binaries = Binaries::of(Binary { platform, file: path.clone(), build, glibc: None });
-        Library {
-            path,
-            checksum: None,
-            loaded: dynamic::Library,
-            binaries,
-            left_out: Vec::new(),
-            replies: Mutex::default(),
+        let own = Binary { platform, file: path.clone(), build, glibc: None, held: None };
+        Self::of_linked(path, Binaries::of(own))
+    }
+
+    #[cfg(target_family = "wasm")]
+    fn of_linked(path: PathBuf, binaries: Binaries) -> Self {
+        let (left_out, replies) = (Vec::new(), Mutex::default());
+        Library { path, checksum: None, loaded: dynamic::Library, binaries, left_out, replies }
+    }
+
+    /// This very library, with libraries for FMUs that a page holds.
+    ///
+    /// # Errors
+    /// When there is none, or they aren't of the same sources as this one.
+    #[cfg(target_family = "wasm")]
+    pub fn holding(libraries: Vec<Vec<u8>>) -> Result<Self, Error> {
+        let refuse = || Error::Library("a file of this page is no library of this package".to_owned());
+        let binary = |bytes: Vec<u8>| {
+            let found = Binary::of_bytes(Path::new("library"), &bytes)?.ok_or_else(refuse)?;
+            Ok(Binary { held: Some(bytes), ..found })
+        };
+        let mut found = libraries.into_iter().map(binary).collect::<Result<Vec<_>, Error>>()?.into_iter();
+        let first = found.next().ok_or_else(|| Error::Library("choose a platform for the FMU".to_owned()))?;
+        let mut binaries = Binaries::of(first);
+        found.try_for_each(|binary| binaries.add(binary))?;
+        let library = Self::of_linked(PathBuf::from("this library"), binaries);
+        if !library.is_own() {
+            return Err(Error::Library("the libraries of this page are of other sources than the page".to_owned()));
         }
+        Ok(library)
     }
 
     #[cfg(not(target_family = "wasm"))]
@@ -183,7 +204,10 @@ impl Library {
             None => Error::Library(reason),
         };
         let reply = self.ask(&DESCRIBE, description)?;
-        describe::read(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)
+        let described = describe::read(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)?;
+        // The program answered for its own models; FMUs tell how their library was built.
+        let build = if self.is_own() { self.binaries.all()[0].build.clone() } else { described.build };
+        Ok(Described { build, ..described })
     }
 
     /// The unit of a description as C source.

@@ -19,17 +19,18 @@ mod terminals;
 use std::path::{Path, PathBuf};
 
 pub use archive::{
-    BUILD, DESCRIBED, Entry, entries, read_bytes, read_entry, unpack, unpack_but, write_entries, write_program,
+    BUILD, DESCRIBED, Entry, entries, packed_entries, read_bytes, read_entry, unpack, unpack_but, write_entries,
+    write_program,
 };
 pub use asked::{Asked, Glibc, asked_within};
-pub use binaries::{Binary, programs};
-pub use firmware::export_firmware;
+pub use binaries::{BROWSER, BROWSER_FILE, Binary, browser_library, programs};
+pub use firmware::{export_firmware, firmware};
 pub use held::{hold, tidy};
 pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library, SHARED, own_library};
 pub(crate) use page::push_report;
 pub use platform::Platform;
-pub use source::{Content, Form, Further, export_as, export_with};
+pub use source::{Content, Form, Further, export_as, packed};
 
 pub use crate::texts::{Embedded, descriptions, league, loops};
 

@@ -54,20 +54,24 @@ pub type Further = Vec<(String, Vec<u8>)>;
 /// For a description that is refused, or files that can't be written; nothing is left half. With C sources, for a kind that
 /// can't be recorded, with what can't; where a compiler is missing or refuses.
 pub fn export_as(source: &Source, library: &Library, out: &Path, content: &Content) -> Result<PathBuf, Error> {
-    export_with(source, library, out, content, &|_, _| Ok(Further::new()))
+    let (name, bytes) = packed(source, library, content, &|_, _| Ok(Further::new()))?;
+    output::make_folder(out, "")?;
+    let file = out.join(name);
+    output::write(&file, bytes)?;
+    Ok(file)
 }
 
-/// Writes an FMU likewise, with further files that follow from its description and what that makes.
+/// The FMU of a description in memory, with further files that follow from its description and what that makes: the name
+/// of its file, and its bytes.
 ///
 /// # Errors
-/// As [`export_as`], and those of the further files.
-pub fn export_with(
+/// As [`export_as`], but for files that can't be written, and those of the further files.
+pub fn packed(
     source: &Source,
     library: &Library,
-    out: &Path,
     content: &Content,
     further: &dyn Fn(&Source, &DescribedUnit) -> Result<Further, Error>,
-) -> Result<PathBuf, Error> {
+) -> Result<(String, Vec<u8>), Error> {
     let Content { form, terminals, standard } = content;
     let source = &source.of_standard(*standard)?;
     if *form == Form::Generic {
@@ -77,7 +81,7 @@ pub fn export_with(
         let (description, sources) = (&source.text, &[][..]);
         let contents =
             Contents { unit: &unit, build: &build, description, appearance: &appearance, sources, further: &further };
-        return written(out, &contents, &Libraries::Common(library));
+        return named(&contents, &Libraries::Common(library));
     }
     let SourceUnit { unit, designed, files } = library.source(source)?;
     let source = with_designed(source, &designed)?;
@@ -95,21 +99,20 @@ pub fn export_with(
     };
     let own = match form {
         Form::Generic | Form::Source { with_library: true } => {
-            return written(out, &contents, &Libraries::Common(library));
+            return named(&contents, &Libraries::Common(library));
         }
         Form::Source { with_library: false } => Vec::new(),
         Form::Compiled => compiled((&unit.name, *standard), &sources, &[Platform::own()], false)?,
         Form::CompiledFor { platforms } => compiled((&unit.name, *standard), &sources, platforms, true)?,
     };
-    written(out, &contents, &Libraries::Own(&own))
+    named(&contents, &Libraries::Own(&own))
 }
 
-/// Writes an FMU into a folder, which is made; its path.
-fn written(out: &Path, contents: &Contents, libraries: &Libraries) -> Result<PathBuf, Error> {
-    output::make_folder(out, "")?;
-    let file = out.join(format!("{}.fmu", contents.unit.name));
-    archive::write(&file, contents, libraries)?;
-    Ok(file)
+/// The name of the file of an FMU, and its bytes.
+fn named(contents: &Contents, libraries: &Libraries) -> Result<(String, Vec<u8>), Error> {
+    let name = format!("{}.fmu", contents.unit.name);
+    let bytes = archive::packed(Path::new(&name), contents, libraries)?;
+    Ok((name, bytes))
 }
 
 /// A unit's own files, with those that all units share.

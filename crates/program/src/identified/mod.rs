@@ -1,14 +1,19 @@
-//! The page of an identification, in one file that loads nothing: measured and simulated signals, residuals, and poles
-//! and frequency responses with their uncertainty.
+//! An identification as text, and its page, in one file that loads nothing: measured and simulated signals, residuals, and
+//! poles and frequency responses with their uncertainty.
 
 mod charts;
 mod courses;
+mod text;
+mod units;
 
 use std::fmt::Write;
 
 use adaptive_fmu_identification::{Correlations, Model, Pole, SimulatedCourse, chi_squared, responses};
 
 use charts::Figure;
+
+pub use text::{lines, meaning, text_of, told, written};
+pub use units::convert;
 
 use crate::drawing::{CHARTS, escaped};
 use crate::figures::{beginning, ending, push_diagrams};

@@ -12,6 +12,7 @@ use crate::fmi2::describe::DescribedUnit;
 use crate::model::{Description, Standard};
 use crate::model_description::ModelDescription;
 use crate::model_description::{elements, xml};
+use crate::output;
 use crate::reference::ReferenceExperiment;
 use crate::texts;
 use crate::tuning::typed_set;
@@ -39,14 +40,32 @@ pub fn export(
     content: &Content,
     with_results: bool,
 ) -> Result<Exported, Error> {
+    let (name, bytes, without) = packed(source, library, content, with_results)?;
+    output::make_folder(out, "")?;
+    let file = out.join(name);
+    output::write(&file, bytes)?;
+    Ok(Exported { file, without })
+}
+
+/// The FMU in memory: the name of its file, its bytes, and the reason why it has no reference results, though they were
+/// asked for.
+///
+/// # Errors
+/// As [`export`], but for those of files.
+pub fn packed(
+    source: &Source,
+    library: &Library,
+    content: &Content,
+    with_results: bool,
+) -> Result<(String, Vec<u8>, Option<String>), Error> {
     let without = RefCell::new(None);
     let further = |source: &Source, unit: &DescribedUnit| {
         let (files, missing) = related(source, unit, library, with_results)?;
         *without.borrow_mut() = missing;
         Ok(files)
     };
-    let file = exporter::export_with(source, library, out, content, &further)?;
-    Ok(Exported { file, without: without.into_inner() })
+    let (name, bytes) = exporter::packed(source, library, content, &further)?;
+    Ok((name, bytes, without.into_inner()))
 }
 
 /// The related files of an FMU, and the reason why there is no reference experiment among them though it was asked for.

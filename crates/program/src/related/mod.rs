@@ -27,7 +27,7 @@ mod replay;
 mod writing;
 
 pub use deviation::{Deviation, short};
-pub use files::{Exported, export};
+pub use files::{Exported, export, packed};
 pub use replay::{Fault, Replay, Replayed};
 
 /// Folder of related files within an FMU.

@@ -12,7 +12,7 @@ mod whole;
 pub use check::{Circles, Wiring, check, start_values};
 pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 pub use feedthrough::Link;
-pub use package::pack;
+pub use package::{pack, packed};
 pub use settings::{Order, Settings};
 pub use ssp::within_run;
 pub use ssp::{Component, Connection, Connector, Event, LoopFiles, Origin, StartValue, Structure, UnitFile};

@@ -10,7 +10,7 @@ use super::ssp::{LoopFiles, is_inside};
 use super::{Component, STRUCTURE, StartValue, Structure};
 use crate::drawing::escaped;
 use crate::error::Error;
-use crate::exporter::{read_entry, write_entries};
+use crate::exporter::{packed_entries, read_entry};
 use crate::fmu::{Value, is_designed};
 use crate::model_description::{ModelDescription, Variable, attribute, child, elements};
 use crate::output;
@@ -34,29 +34,46 @@ const NAMESPACES: [(&str, &str); 4] = [
 pub fn pack(files: &LoopFiles, fmus: &Path, out: &Path) -> Result<(PathBuf, Vec<String>), Error> {
     let structure = files.structure()?;
     let descriptions = descriptions(&structure, fmus)?;
-    let wiring = check(&structure, &descriptions.iter().collect::<Vec<_>>(), Circles::Exchanged)?;
-    let choices = choices(&structure, &descriptions, &wiring);
-    let given = given(&structure, &descriptions);
+    let read = |(unit, file): (String, PathBuf)| Ok((unit, std::fs::read(&file).map_err(Error::file(&file))?));
+    let archives = archives(&structure, fmus)?.into_iter().map(read).collect::<Result<Vec<_>, Error>>()?;
+    let (bytes, warnings) = packed(files, &structure, &descriptions, &archives)?;
+    output::make_folder(out, "")?;
+    let file = out.join(format!("{}.ssp", structure.name));
+    output::write(&file, bytes)?;
+    Ok((file, warnings))
+}
+
+/// The same in memory: the descriptions of the components' FMUs, and the archives by the names of the FMUs. Returns the
+/// bytes, and what other masters will leave out.
+///
+/// # Errors
+/// If the loop and its FMUs don't fit each other.
+pub fn packed(
+    files: &LoopFiles,
+    structure: &Structure,
+    descriptions: &[ModelDescription],
+    archives: &[(String, Vec<u8>)],
+) -> Result<(Vec<u8>, Vec<String>), Error> {
+    let wiring = check(structure, &descriptions.iter().collect::<Vec<_>>(), Circles::Exchanged)?;
+    let choices = choices(structure, descriptions, &wiring);
+    let given = given(structure, descriptions);
     let mut warnings = wiring.notes;
     warnings.extend(choices.iter().filter_map(Choice::left_out));
     warnings.extend(overlooked(files)?);
     let file = files.structure_file();
-    let text = with_sources(&settable(&files.structure_text()?, &file, &choices, &given)?, &file, &structure)?;
-    let text = for_other_masters(&text, &file, &structure)?;
+    let text = with_sources(&settable(&files.structure_text()?, &file, &choices, &given)?, &file, structure)?;
+    let text = for_other_masters(&text, &file, structure)?;
     let mut entries = vec![(STRUCTURE.to_owned(), text.into_bytes())];
     let beside = files.parameter_files();
     for name in beside.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
         let text = settable(&files.read(name)?, &files.path(name), &choices, &given)?;
         entries.push((name.clone(), text.into_bytes()));
     }
-    for (unit, file) in archives(&structure, fmus)? {
-        entries.push((format!("resources/{unit}.fmu"), std::fs::read(&file).map_err(Error::file(&file))?));
-    }
-    let entries: Vec<(&str, &[u8])> = entries.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())).collect();
-    output::make_folder(out, "")?;
-    let file = out.join(format!("{}.ssp", structure.name));
-    write_entries(&file, &entries)?;
-    Ok((file, warnings))
+    let places: Vec<_> = archives.iter().map(|(unit, _)| format!("resources/{unit}.fmu")).collect();
+    let own = entries.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice()));
+    let of_units = places.iter().zip(archives).map(|(place, (_, bytes))| (place.as_str(), bytes.as_slice()));
+    let entries: Vec<(&str, &[u8])> = own.chain(of_units).collect();
+    Ok((packed_entries(&file, &entries)?, warnings))
 }
 
 /// The archives of a loop, by the names that they have in a package.

@@ -11,7 +11,9 @@ use adaptive_fmu::report::number;
 use adaptive_fmu_identification::{Identified, Model, Pole, SimulatedCourse, Verdict, poles_of};
 use nalgebra::DMatrix;
 
-use super::{Arguments, Read, meaning, told, written};
+use adaptive_fmu::identified::{meaning, told, written};
+
+use super::{Arguments, Read};
 use crate::command::names::Names;
 
 /// Writes the page, if it is wanted; its file.
@@ -47,7 +49,7 @@ pub fn of_identified<'a>(found: &'a Identified, arguments: &'a Arguments) -> Rep
         findings: found
             .findings
             .iter()
-            .map(|finding| Said { is_bad: finding.verdict == Verdict::NotSound, text: told(finding) })
+            .map(|finding| Said { is_bad: finding.verdict == Verdict::NotSound, text: told(finding, true) })
             .collect(),
         model: Some(model),
         poles: &found.poles,

@@ -18,7 +18,9 @@ use adaptive_fmu_identification::{Fits, Free, Model, RecordOf, Units};
 use nalgebra::DMatrix;
 use serde_json::json;
 
-use super::{Arguments, HoldOf, Offset, Read, UNSOUND, page, text_of};
+use adaptive_fmu::identified::text_of;
+
+use super::{Arguments, HoldOf, Offset, Read, UNSOUND, page};
 use crate::command::hosting::HostingOptions;
 use crate::command::linearise::{assignment, open_unit};
 use crate::command::names::Names;

@@ -8,8 +8,8 @@ use adaptive_fmu::{begun, text_file};
 use adaptive_fmu_identification::{Free, Model};
 use serde_json::json;
 
-use super::{meaning, written};
 use crate::command::number::part;
+use adaptive_fmu::identified::{meaning, written};
 
 /// Heading of these options in the help.
 const HEADING: &str = "Length of a further record";

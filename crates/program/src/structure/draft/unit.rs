@@ -28,6 +28,18 @@ impl DraftUnit {
         self.model.as_deref().map(|model| library::find(model).map_or(Role::Plant, |entry| entry.role))
     }
 
+    /// The component of a description, with the source attribute of its file.
+    ///
+    /// # Errors
+    /// For a description that is refused.
+    pub fn of_description(source: &Source, place: String, library: &Library) -> Result<Self, Error> {
+        let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+        let told = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
+        let (unit, _) = describe(source, library)?;
+        let description = ModelDescription::read(&unit.model_description).map_err(refuse)?;
+        Ok(DraftUnit { given: None, stem: told.name, source: place, description, model: Some(told.model) })
+    }
+
     /// True if it passes on signals of any kind, channel by channel.
     pub(super) fn hands_on(&self) -> bool {
         self.role().is_some_and(Role::hands_on)
@@ -75,15 +87,11 @@ impl<'a> Found<'a> {
     }
 
     fn of_description(&mut self, source: &Source, place: String) -> Result<DraftUnit, Error> {
-        let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-        let told = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
-        if self.library.is_none() {
-            self.library = Some(Library::beside_program()?);
-        }
-        let Some(library) = &self.library else { return Err(refuse("there is no library".to_owned())) };
-        let (unit, _) = describe(source, library)?;
-        let description = ModelDescription::read(&unit.model_description).map_err(refuse)?;
-        Ok(DraftUnit { given: None, stem: told.name, source: place, description, model: Some(told.model) })
+        let library = match self.library.take() {
+            Some(library) => library,
+            None => Library::beside_program()?,
+        };
+        DraftUnit::of_description(source, place, self.library.insert(library))
     }
 }
 

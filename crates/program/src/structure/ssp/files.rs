@@ -1,5 +1,6 @@
 //! The files of a loop: in this program, in a folder, or in an archive.
 
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
@@ -26,6 +27,8 @@ enum Place {
     Program(Embedded),
     Folder(PathBuf),
     Unpacked(Scratch),
+    /// In memory: the structure if there is one, and descriptions by the names of their FMUs.
+    Held(Option<String>, BTreeMap<String, Source>),
 }
 
 /// True if a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
@@ -143,6 +146,13 @@ impl LoopFiles {
         LoopFiles { shown, place, structure: STRUCTURE.to_owned() }
     }
 
+    /// A structure and descriptions that are in no folder.
+    pub fn held(structure: Option<String>, descriptions: impl IntoIterator<Item = Source>) -> Self {
+        let name = |source: &Source| source.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let held = descriptions.into_iter().map(|source| (name(&source), source)).collect();
+        LoopFiles { shown: PathBuf::new(), place: Place::Held(structure, held), structure: STRUCTURE.to_owned() }
+    }
+
     /// The loop.
     ///
     /// # Errors
@@ -213,17 +223,20 @@ impl LoopFiles {
     /// If it isn't there, isn't text, or is too long.
     pub(in crate::structure) fn read(&self, name: &str) -> Result<String, Error> {
         let failed = |error| Error::file(self.path(name))(error);
-        let Some(folder) = self.folder() else {
-            let Place::Program(files) = self.place else { return Ok(String::new()) };
-            let found = files.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned());
-            return found.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()));
+        let found = match &self.place {
+            Place::Program(files) => files.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned()),
+            Place::Held(structure, _) => structure.clone().filter(|_| name == self.structure),
+            Place::Folder(_) | Place::Unpacked(_) => {
+                let folder = self.folder().unwrap_or(Path::new(""));
+                return text_file::read(&folder.join(name)).map_err(failed);
+            }
         };
-        text_file::read(&folder.join(name)).map_err(failed)
+        found.ok_or_else(|| failed(ErrorKind::NotFound.into()))
     }
 
     fn folder(&self) -> Option<&Path> {
         match &self.place {
-            Place::Program(_) => None,
+            Place::Program(_) | Place::Held(..) => None,
             Place::Folder(folder) => Some(folder),
             Place::Unpacked(folder) => Some(folder.path()),
         }
@@ -234,11 +247,20 @@ impl LoopFiles {
     /// # Errors
     /// If there is none, with the reason.
     pub(super) fn unit(&self, source: &str) -> Result<(String, UnitFile), String> {
+        if let Place::Held(_, held) = &self.place {
+            let stem = Path::new(source).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            if held.contains_key(&stem) {
+                return Ok((stem, UnitFile::Named));
+            }
+        }
         unit_file(source, self.folder(), matches!(self.place, Place::Unpacked(_)))
     }
 
     /// The description of an FMU, if there is one next to the structure or in its resources.
     pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
+        if let Place::Held(_, held) = &self.place {
+            return Ok(held.get(fmu).cloned());
+        }
         let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
         let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
         let Some(name) = names.iter().find(lies_there) else { return Ok(None) };
@@ -249,6 +271,7 @@ impl LoopFiles {
     pub fn parameter_files(&self) -> Vec<String> {
         let is_set = |name: &String| name.ends_with(".ssv") && is_inside(name);
         let mut names: Vec<String> = match (&self.place, self.folder()) {
+            (Place::Held(..), _) => Vec::new(),
             (Place::Program(files), _) => files.iter().map(|(name, _)| (*name).to_owned()).filter(is_set).collect(),
             (_, folder) => {
                 let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

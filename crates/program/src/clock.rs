@@ -1,10 +1,10 @@
 //! Clock for durations. A browser has a clock of its own.
 
 #[cfg(not(target_family = "wasm"))]
-pub(super) use std::time::Instant;
+pub(crate) use std::time::Instant;
 
 #[cfg(target_family = "wasm")]
-pub(super) use page::Instant;
+pub(crate) use page::Instant;
 
 #[cfg(target_family = "wasm")]
 mod page {

@@ -1,8 +1,9 @@
 //! Units of measurement of records: models are in base units, with which numbers of different signals fit each other.
 
-use adaptive_fmu::error::{Error, Invalid};
-use adaptive_fmu::system::{Base, Unit};
 use adaptive_fmu_identification::Record;
+
+use crate::error::{Error, Invalid};
+use crate::system::{Base, Unit};
 
 /// Prefixes that a base unit may have.
 const PREFIXES: [char; 10] = ['k', 'm', 'u', 'µ', 'M', 'c', 'd', 'h', 'G', 'n'];

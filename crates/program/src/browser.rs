@@ -1,0 +1,122 @@
+//! This library in a page, as WebAssembly: it answers the questions of pages that have no server.
+
+use std::sync::{Mutex, PoisonError};
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use crate::SOURCE;
+use crate::error::Error;
+use crate::explore::{Session, Wanted, begun};
+use crate::exporter::Library;
+use crate::fmu::Ready;
+use crate::playground;
+
+/// The loop of the page.
+static SESSION: Mutex<Option<Session>> = Mutex::new(None);
+/// The units of the page, which it takes again and again.
+static READY: Mutex<Option<Ready>> = Mutex::new(None);
+/// Libraries for FMUs: the bytes of each.
+static LIBRARIES: Mutex<Vec<Vec<u8>>> = Mutex::new(Vec::new());
+
+/// Request of a page.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Asked {
+    Explore(OfLoop),
+    Playground(playground::Question),
+}
+
+/// Request of a page of `explore`.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum OfLoop {
+    /// Data that it shows of a loop before the first run.
+    Loop(String),
+    Run(Wanted),
+    Set(Wanted),
+}
+
+#[link(wasm_import_module = "page")]
+unsafe extern "C" {
+    /// Takes a line of JSON: progress, or, last, the answer.
+    fn take(text: *const u8, length: usize);
+}
+
+fn tell(line: &Value) {
+    let text = line.to_string();
+    // SAFETY: the page reads no more bytes of the text before it returns.
+    unsafe { take(text.as_ptr(), text.len()) };
+}
+
+/// Checksum of the sources: the program that writes a page looks for it within these bytes.
+#[unsafe(no_mangle)]
+extern "C" fn page_source() -> *const u8 {
+    SOURCE.as_ptr()
+}
+
+/// Memory for the text of a question, or for the bytes of a library.
+#[unsafe(no_mangle)]
+extern "C" fn page_place(length: usize) -> *mut u8 {
+    Box::into_raw(vec![0_u8; length].into_boxed_slice()).cast()
+}
+
+/// Answers a question, and frees its memory.
+///
+/// # Safety
+/// The memory must be one of this size that [`page_place`] returned.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn page_answer(place: *mut u8, length: usize) {
+    // SAFETY: the caller of this function guarantees it.
+    let question = unsafe { Box::from_raw(std::ptr::slice_from_raw_parts_mut(place, length)) };
+    let answered = serde_json::from_slice(&question).map_err(|error| error.to_string()).and_then(answer);
+    tell(&answered.unwrap_or_else(|reason| json!({ "error": reason })));
+}
+
+/// Keeps a library for the FMUs of the page.
+///
+/// # Safety
+/// As [`page_answer`].
+#[unsafe(no_mangle)]
+unsafe extern "C" fn page_library(place: *mut u8, length: usize) {
+    // SAFETY: the caller of this function guarantees it.
+    let bytes = unsafe { Box::from_raw(std::ptr::slice_from_raw_parts_mut(place, length)) };
+    LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner).push(bytes.into_vec());
+}
+
+/// This library with those that the page has given, which are no longer kept.
+fn given() -> Result<Library, Error> {
+    Library::holding(std::mem::take(&mut *LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner)))
+}
+
+fn answer(asked: Asked) -> Result<Value, String> {
+    match asked {
+        Asked::Explore(asked) => of_loop(asked),
+        Asked::Playground(question) => of_design(&question).map_err(|error| error.to_string()),
+    }
+}
+
+fn of_design(question: &playground::Question) -> Result<Value, Error> {
+    let mut ready = READY.lock().unwrap_or_else(PoisonError::into_inner);
+    let ready = match ready.take() {
+        Some(known) => ready.insert(known),
+        None => ready.insert(Ready::new()?),
+    };
+    playground::answer(question, ready, &given, &mut |line| tell(&line))
+}
+
+fn of_loop(asked: OfLoop) -> Result<Value, String> {
+    let mut session = SESSION.lock().unwrap_or_else(PoisonError::into_inner);
+    if let OfLoop::Loop(name) = &asked {
+        *session = Some(begun(name).map_err(|error| error.to_string())?);
+    }
+    let session = session.as_ref().ok_or("no loop was requested")?;
+    match asked {
+        OfLoop::Loop(_) => Ok(session.told()),
+        OfLoop::Set(wanted) => Ok(json!({ "set": session.set(&wanted)? })),
+        OfLoop::Run(wanted) => session.run(&wanted, &mut |line| {
+            tell(&line);
+            true
+        }),
+    }
+}
