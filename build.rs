@@ -27,7 +27,10 @@ fn embed() {
     println!("cargo::rerun-if-changed=modelDescription");
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
     let descriptions = texts(&root.join("modelDescription"), &["toml"], stem);
-    let references = texts(&root.join("modelDescription/references"), &["json"], stem);
+    // A page is for FMUs of a user; it computes what it needs.
+    let is_page = env::var("CARGO_CFG_TARGET_FAMILY").is_ok_and(|family| family == "wasm");
+    let references = root.join("modelDescription/references");
+    let references = if is_page { String::new() } else { texts(&references, &["json"], stem) };
     let loops =
         entries(&root.join("examples")).into_iter().filter(|folder| folder.join("SystemStructure.ssd").is_file());
     let loops: Vec<_> = loops.collect();

@@ -174,7 +174,7 @@ def playground(out: PathLike = "playground", *, open: bool = True) -> Path:
     """Write the page on which a plant becomes a controller, its FMU and its C in the browser, and return its file.
 
     The page is answered by this package itself, as WebAssembly: it needs no server and no network. A wheel of a release contains
-    what it needs; with a program from a source folder, CONTRIBUTING.md says how to build that.
+    what it needs; with a program from a source folder, `packaging/browser` builds that.
 
     out: folder for the files of the page. Default: "playground".
     open: True to open the page in the browser. Default: True.

@@ -155,7 +155,7 @@ def test_files_of_a_transfer_function_work_in_other_tools(page: Callable[..., An
     assert (tmp_path / "again.toml").read_text() == description.read_text()
     zipfile.ZipFile(downloaded(shown, "c", tmp_path)).extractall(tmp_path / "c")
     sources = [file.name for file in (tmp_path / "c").glob("*.c")]
-    subprocess.run(["cc", "-std=c99", "-O2", "-ffp-contract=off", *sources, "-o", "replay", "-lm"], cwd=tmp_path / "c", check=True)
+    subprocess.run(["cc", "-std=c99", "-O2", "-ffp-contract=off", "-DController_REPLAY", *sources, "-o", "replay", "-lm"], cwd=tmp_path / "c", check=True)
     assert subprocess.run(["./replay"], cwd=tmp_path / "c", check=False).returncode == 0
     assert "<html" in downloaded(shown, "report", tmp_path).read_text()[:200].lower()
 

@@ -84,7 +84,7 @@ unsafe extern "C" fn page_library(place: *mut u8, length: usize) {
     LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner).push(bytes.into_vec());
 }
 
-/// This library with those that the page has given, which are no longer kept.
+/// This library with those that the page has given, once.
 fn given() -> Result<Library, Error> {
     Library::holding(std::mem::take(&mut *LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner)))
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::sync::Once;
 
 use crate::console;
-use adaptive_fmu::analysis::{InLoop, in_loop};
+use adaptive_fmu::analysis::{InLoop, in_loop, period};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::exporter::{self, Binary, Content, Form, Glibc, Library, Platform, Source};
 use adaptive_fmu::fmi2::firmware::{Fallback, Options, Signals};
@@ -215,9 +215,8 @@ impl Arguments {
         let name = &described.name;
         let unit = library.describe(Some(source))?.unit;
         let unit = unit.map(|unit| ModelDescription::read(&unit.model_description)).transpose().map_err(refuse)?;
-        let start = |name: &str| unit.as_ref()?.variable(name)?.start.as_ref()?.parse::<f64>().ok();
-        let sampled = start("sample_time").filter(|time| *time > 0.0);
-        let step = self.period.or(sampled).unwrap_or(described.experiment.step);
+        let usual = described.experiment.step;
+        let step = self.period.unwrap_or_else(|| unit.as_ref().map_or(usual, |unit| period(unit, usual)));
         let examples = || exporter::loops().iter().map(|(name, _)| *name);
         let loops: Vec<&str> = self.in_loop.as_deref().map_or_else(|| examples().collect(), |name| vec![name]);
         for name_of_loop in loops {

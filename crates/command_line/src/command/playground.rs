@@ -28,7 +28,7 @@ pub struct Arguments {
 pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let missing = || {
         let reason = "there is no library for browsers with this program. Archives and wheels of a release contain it; in a source \
-                      folder, build it as CONTRIBUTING.md says, or name it by --wasm";
+                      folder, `packaging/browser` builds it; --wasm names it";
         Error::Argument(Invalid::because(reason))
     };
     let wasm = arguments.wasm.clone().or_else(browser_library).ok_or_else(missing)?;

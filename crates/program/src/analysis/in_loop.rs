@@ -6,7 +6,7 @@ use crate::error::{Error, Invalid};
 use crate::fmi2::firmware::Signals;
 use crate::fmu::{Fmu, Ready, Value};
 use crate::integrator::IntegrationMethod;
-use crate::model_description::Affine;
+use crate::model_description::{Affine, ModelDescription};
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Component, Settings, Structure};
 use crate::system::Choice;
@@ -27,6 +27,13 @@ pub struct InLoop {
     pub integrates: bool,
     /// The signals of its connected inputs, a value a period.
     pub signals: Signals,
+}
+
+/// The time between calls of a controller on a target, s: its sample time or, without one, the step of its default
+/// experiment.
+pub fn period(unit: &ModelDescription, step: f64) -> f64 {
+    let sample_time = || unit.variable("sample_time")?.start.as_ref()?.parse().ok();
+    sample_time().filter(|time: &f64| *time > 0.0).unwrap_or(step)
 }
 
 /// Analyses a component of a loop with `steps` Runge-Kutta steps in a period (s). Without `steps`, it takes the fewest

@@ -12,7 +12,7 @@ mod sampled;
 mod sweep;
 mod trim;
 
-pub use in_loop::{InLoop, in_loop};
+pub use in_loop::{InLoop, in_loop, period};
 pub use linearise::{Linearisation, Quantity, linearise};
 pub use operating_point::{Method, OperatingPoint};
 pub use sweep::{Axis, Point, Spacing, Sweep, SweepPage};

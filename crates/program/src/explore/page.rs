@@ -82,8 +82,7 @@ pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<Pat
 
 /// Refuses any file but this library as WebAssembly.
 fn check(bytes: &[u8]) -> Result<(), String> {
-    const ADVICE: &str = "build it with `cargo rustc --release --package adaptive-fmu-program --lib --crate-type \
-        cdylib --target wasm32-unknown-unknown`";
+    const ADVICE: &str = "`packaging/browser` in the source folder builds it";
     if !bytes.starts_with(b"\0asm") {
         return Err(format!("is not a WebAssembly module; {ADVICE}"));
     }

@@ -19,7 +19,7 @@ use crate::library::{PACKAGE, REGISTRY, SOURCE};
 use crate::model::Standard;
 use crate::text_file;
 
-/// Folder of this package's library for browsers, beside those of platforms, and its name.
+/// Folder of this package's library for browsers, next to those of platforms, and its name.
 pub const BROWSER: &str = "browser";
 /// See [`BROWSER`].
 pub const BROWSER_FILE: &str = "adaptive_fmu.wasm";

@@ -205,7 +205,7 @@ impl Library {
         };
         let reply = self.ask(&DESCRIBE, description)?;
         let described = describe::read(&reply).map_err(|reason| self.unknown(&reason))?.map_err(refuse)?;
-        // The program answered for its own models; FMUs tell how their library was built.
+        // The program answered for its own models; FMUs contain the build of their library.
         let build = if self.is_own() { self.binaries.all()[0].build.clone() } else { described.build };
         Ok(Described { build, ..described })
     }

@@ -1,4 +1,4 @@
-//! What the page offers: kinds of controllers, and plants as examples.
+//! Kinds of controllers that the page offers, and plants as examples.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::texts::zoo;
 /// The kinds that the page designs, in its order.
 pub const KINDS: [&str; 4] = ["pid", "ladrc", "l1", "l1-sampled"];
 
-/// What is known of a plant of this package.
+/// A plant of this package.
 #[derive(Debug, Deserialize)]
 struct Known {
     title: String,

@@ -25,10 +25,13 @@ const plotted = (picture, {outputs, output_units: units}) => {
   const curve = ({name, of, points}) => {
     const isBound = of === 'bound';
     return {
-      name: own(name), colour: isBound ? BOUND : of.endsWith('marks') ? COLOURS[0] : colourOf(own(name)), dashes: isBound ? [6, 4] : [], beneath: false, of,
+      name: isBound && levels.has(name) ? levelled(name) : own(name), colour: isBound ? BOUND : of.endsWith('marks') ? COLOURS[0] : colourOf(own(name)), dashes: isBound ? [6, 4] : [], beneath: false, of,
       x: points.map(([x]) => across(x)), y: points.map(([, y]) => y),
     };
   };
+  // A limit or a reference has its values in its name, as it may be out of view.
+  const levels = grouped(picture.curves.filter(({of, name}) => of === 'bound' && !/^[-\d]/.test(name)));
+  const levelled = name => `${name}: ${levels.get(name).map(({points}) => written(points[0][1])).join(', ')}`;
   // What is nominal decides on colours.
   const all = [...picture.curves].sort((a, b) => (a.of !== 'nominal') - (b.of !== 'nominal')).map(curve);
   const isPale = ({of}) => of === 'worst' || of === 'worst_marks';
@@ -42,6 +45,9 @@ const plotted = (picture, {outputs, output_units: units}) => {
 };
 
 // Several plots zoom together if they have the same axis.
+// The least range of a phase that is shown, in degrees.
+const LEAST_PHASE = 30;
+
 class Plot extends Diagram {
   constructor(place, given, group) {
     super(place, given);
@@ -57,6 +63,12 @@ class Plot extends Diagram {
 
   // `Diagram` sets its own, for a page that has less to show.
   set height(_) {}
+
+  show(given, ghost, width) {
+    this.ghosts = ghost?.curves ?? [];
+    this.take(given);
+    this.draw(width);
+  }
 
   // As that of `Diagram`, but an unchanged legend stays, and with it the focus.
   take(given) {
@@ -100,11 +112,17 @@ class Plot extends Diagram {
 
   range() {
     if (this.values) return this.values;
-    let [low, high] = this.ends(this.visible.concat(this.bands));
-    const [least, most] = this.ends(this.pale);
-    if (most - least <= WITHIN * (high - low)) [low, high] = [Math.min(low, least), Math.max(high, most)];
+    let [low, high] = this.ends(this.visible.filter(({of}) => of !== 'bound').concat(this.bands));
+    // Limits and pale curves that are far away would flatten the rest.
+    const bounds = this.visible.filter(({of}) => of === 'bound').map(bound => [bound]);
+    for (const curves of [...bounds, this.pale]) {
+      const [least, most] = this.ends(curves), both = [Math.min(low, least), Math.max(high, most)];
+      if (!(high > low) || both[1] - both[0] <= WITHIN * (high - low)) [low, high] = both;
+    }
     if (low > high) return [-1, 1];
     if (this.isMarks) low = Math.min(low, 0);
+    // Less of a phase would show roundings.
+    if (this.y === 'deg') [low, high] = [Math.min(low, (low + high) / 2 - LEAST_PHASE / 2), Math.max(high, (low + high) / 2 + LEAST_PHASE / 2)];
     const apart = high > low ? 0.06 * (high - low) : 0.1 * Math.max(Math.abs(low), 1e-12);
     return [low - apart, high + apart];
   }
@@ -138,7 +156,9 @@ class Plot extends Diagram {
     const point = (k, choose) => `${across(first.x[k]).toFixed(2)},${up(choose(...all.map(({y}) => y[k]))).toFixed(2)}`;
     const places = first.x.map((_, k) => k);
     const upper = places.map(k => point(k, Math.max)), lower = places.map(k => point(k, Math.min)).reverse();
-    return element('path', {class: 'band', d: `M${upper.concat(lower).join('L')}Z`, fill: first.colour, stroke: first.colour});
+    const area = element('path', {class: 'band', d: `M${upper.concat(lower).join('L')}Z`, stroke: first.colour});
+    area.style.color = first.colour;
+    return area;
   }
 
   line(curve, kind) {
@@ -201,11 +221,11 @@ class Plot extends Diagram {
     if (!lead) return;
     const at = lead.x[nearest(lead.x, wanted)], [, quantity, unit] = /^(.*?)(?: \((.*)\))?$/.exec(this.x);
     let marks = '';
-    const lines = this.visible.map(({name, colour, of, x, y}) => {
-      const value = y[nearest(x, at)], line = made('div', {}, `${name}${of === 'bound' ? '' : `: ${short(value)}`}`);
+    const isFirst = ({name}, k) => this.visible.findIndex(other => other.name === name) === k;
+    const lines = this.visible.filter(isFirst).map(({name, colour, of, x, y}) => {
+      const value = y[nearest(x, at)], line = made('div', {}, of === 'bound' ? name : `${name}: ${short(value)}`);
       line.style.setProperty('--colour', colour);
-      if (of === 'bound') line.append(/[-\d]/.test(name[0]) ? '' : `: ${short(value)}`);
-      else marks += `M${scale.across(at)},${scale.up(value)}m-3,0a3,3 0 1 0 6,0a3,3 0 1 0 -6,0`;
+      if (of !== 'bound') marks += `M${scale.across(at)},${scale.up(value)}m-3,0a3,3 0 1 0 6,0a3,3 0 1 0 -6,0`;
       return line;
     });
     this.told.replaceChildren(`${quantity} = ${short(this.isLogarithmic ? 10 ** at : at)} ${unit ?? ''}`, ...lines);
@@ -287,18 +307,22 @@ class Plots {
       figure.remove();
       this.all.delete(title);
     }
+    // All widths before anything is drawn: then the browser lays the page out once.
+    const widths = new Map([...this.all].map(([title, {plot}]) => [title, plot.plot.clientWidth]));
     for (const picture of pictures) {
-      const given = plotted(picture, signals), before = old.get(picture.title);
+      const given = plotted(picture, signals), before = old.has(picture.title) && plotted(old.get(picture.title), signals);
       // Only what is nominal: bands and limits of both would hide each other.
       const pale = before && {curves: given.curves.map(({name, of}) =>
-        plotted(before, signals).curves.find(other => other.name === name && other.of === of && of !== 'bound') ?? NOTHING)};
+        before.curves.find(other => other.name === name && other.of === of && of !== 'bound') ?? NOTHING)};
       if (!this.all.has(picture.title)) this.add(picture.title, given);
       const {plot, caption} = this.all.get(picture.title);
-      plot.show(given, pale);
+      plot.show(given, pale, widths.get(picture.title));
       const text = captions(picture);
       if (caption.textContent !== text) caption.textContent = text;
       caption.hidden = !text;
     }
+    const figures = pictures.map(({title}) => this.all.get(title).figure);
+    if (figures.some((figure, k) => this.place.children[k] !== figure)) this.place.replaceChildren(...figures);
   }
 
   add(title, given) {

@@ -137,7 +137,7 @@ pub fn answer(wanted: &Wanted, ready: &Ready) -> Result<Value, Error> {
     }))
 }
 
-/// The model of a description, whose report is on the nominal plant alone.
+/// The model of a description, whose report is on the nominal plant only.
 fn model(source: &Source) -> Result<Model, Error> {
     let refuse = |invalid: Invalid| Error::Description { file: source.file.clone(), reason: invalid.to_string() };
     let mut own = Description::read(&source.text).map_err(refuse)?;

@@ -6,11 +6,11 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::design::{self, Designed};
-use crate::analysis::in_loop;
+use crate::analysis::{in_loop, period};
 use crate::base64;
 use crate::designs::{DesignLoop, add_runs, report_page, settling_time};
 use crate::error::{Error, Invalid};
-use crate::exporter::{Content, Library, describe, firmware, packed_entries};
+use crate::exporter::{Content, Library, Source, describe, firmware, packed_entries};
 use crate::fmi2::firmware::Options;
 use crate::fmu::Ready;
 use crate::model_description::ModelDescription;
@@ -75,7 +75,7 @@ pub fn answer(
 }
 
 /// An FMU as `export` writes it.
-fn fmu(source: &crate::exporter::Source, library: &Library) -> Result<(String, Vec<u8>), Error> {
+fn fmu(source: &Source, library: &Library) -> Result<(String, Vec<u8>), Error> {
     let (file, bytes, _) = related::packed(source, library, &Content::default(), true)?;
     Ok((file, bytes))
 }
@@ -87,7 +87,7 @@ fn report(Designed { source, .. }: &Designed, name: &str, ready: &Ready) -> Resu
 }
 
 /// The settling time of a loop for its duration, s: by its report, or as usual for its bandwidth.
-fn settling(source: &crate::exporter::Source, design: &DesignLoop, library: &Library) -> Result<f64, Error> {
+fn settling(source: &Source, design: &DesignLoop, library: &Library) -> Result<f64, Error> {
     let (unit, _) = describe(source, library)?;
     Ok(settling_time(&unit.report).unwrap_or(4.0 / design.bandwidth))
 }
@@ -104,7 +104,10 @@ fn c(
     let (_, structure, _) = design.structure(name, settling(source, &design, ready.library())?, ready.library())?;
     let own = structure.components.iter().find(|component| component.fmu == *name);
     let component = own.ok_or_else(|| Error::Argument(Invalid::because("the controller isn't in its loop")))?;
-    let found = in_loop(&structure, component, (structure.step, None), ready)?;
+    let (unit, _) = describe(source, ready.library())?;
+    let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
+    let xml = ModelDescription::read(&unit.model_description).map_err(refuse)?;
+    let found = in_loop(&structure, component, (period(&xml, structure.step), None), ready)?;
     tell(json!({ "progress": 0.6, "text": "C and test vectors" }));
     let signals = (!found.signals.is_empty()).then_some(found.signals);
     let options = Options { substeps: found.substeps, signals, ..Options::default() };

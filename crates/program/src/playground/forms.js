@@ -12,15 +12,20 @@ class Forms {
     Object.assign(this, {examples, onChange, ask, design: null, plant: null, fields: {}});
     for (const radio of document.querySelectorAll('[name=form]')) radio.addEventListener('change', () => this.choose(radio.value));
     for (const {name, title} of examples) $('example').append(made('option', {value: name}, title));
+    // What is being typed is no part of the design yet.
+    this.typed = new Set();
+    let pause = null;
+    const take = () => {
+      clearTimeout(pause);
+      const source = Object.fromEntries([...this.typed].map(id => [id, $(id).value]));
+      this.typed.clear();
+      if (Object.entries(source).some(([id, text]) => this.design.source[id] !== text)) this.enter(source);
+    };
     for (const id of TEXTS) {
-      let typed = null;
-      const take = () => {
-        clearTimeout(typed);
-        if (this.design.source[id] !== $(id).value) this.enter({[id]: $(id).value});
-      };
       $(id).addEventListener('input', () => {
-        clearTimeout(typed);
-        typed = setTimeout(take, TYPED);
+        this.typed.add(id);
+        clearTimeout(pause);
+        pause = setTimeout(take, TYPED);
         this.fit();
       });
       $(id).addEventListener('change', take);
@@ -78,7 +83,7 @@ class Forms {
     this.plant = plant ?? this.plant;
     for (const radio of document.querySelectorAll('[name=form]')) radio.checked = radio.value === form;
     for (const place of document.querySelectorAll('[data-form]')) place.hidden = place.dataset.form !== form;
-    for (const id of TEXTS) if ($(id).value !== source[id]) $(id).value = source[id];
+    for (const id of TEXTS) if (!this.typed.has(id) && $(id).value !== source[id]) $(id).value = source[id];
     if (document.activeElement !== $('dead')) $('dead').value = design.delay ?? '';
     $('names').hidden = form === 'example' || form === 'file';
     document.querySelector('[data-only=matrices]').hidden = form !== 'matrices';

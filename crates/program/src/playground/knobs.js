@@ -81,7 +81,9 @@ class Limit extends Knob {
     this.box = made('input', {type: 'checkbox'});
     this.box.setAttribute('aria-label', `${given.label}, present`);
     this.box.addEventListener('change', () => this.onChoose(this.box.checked ? this.now.size : 0));
-    this.label.prepend(this.box, ' ');
+    const head = made('div', {className: 'head'}, this.box, ' ');
+    this.place.prepend(head);
+    head.append(this.label);
     this.place.classList.add('limit');
   }
 

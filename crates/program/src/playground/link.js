@@ -3,6 +3,9 @@
 // The most that a link may hold when it is unpacked, in bytes.
 const LARGEST_LINK = 4e6;
 
+// The name of an FMU.
+const NAME = /^[A-Za-z]\w{0,59}$/;
+
 // Entries of the forms.
 const SOURCE = {num: '2', den: '1 0.5 1', A: '', B: '', C: '', D: '', states: '', inputs: '', outputs: '', example: '', file: '', text: ''};
 // The entries that each form uses.
@@ -23,11 +26,11 @@ const isAtLeast0 = value => isNumber(value) && value >= 0;
 const isPlain = value => typeof value === 'object' && value !== null && !Array.isArray(value);
 // What a link may have, each with its test.
 const TESTS = {
-  form: value => value in USED,
-  source: value => isPlain(value) && Object.entries(value).every(([key, text]) => key in SOURCE && typeof text === 'string'),
+  form: value => Object.hasOwn(USED, value),
+  source: value => isPlain(value) && Object.entries(value).every(([key, text]) => Object.hasOwn(SOURCE, key) && typeof text === 'string'),
   follow: value => Array.isArray(value) && value.every(place => Number.isInteger(place) && place >= 0),
   kind: value => typeof value === 'string' && /^[\w-]{1,40}$/.test(value),
-  name: value => typeof value === 'string' && value.length <= 60,
+  name: value => typeof value === 'string' && NAME.test(value),
   bandwidth: value => isNumber(value) && value > 0,
   uncertainty: isAtLeast0,
   reference: value => Array.isArray(value) && value.length > 0 && value.every(size => isNumber(size) && size > 0),
@@ -48,7 +51,7 @@ const compact = design => {
 
 const expanded = given => {
   if (!isPlain(given)) throw new Error('not a design');
-  const known = Object.entries(given).filter(([key]) => key in TESTS);
+  const known = Object.entries(given).filter(([key]) => Object.hasOwn(TESTS, key));
   if (!known.every(([key, value]) => TESTS[key](value))) throw new Error('not a design');
   const design = {...START, ...Object.fromEntries(known)};
   return {...design, source: {...SOURCE, ...design.source}};

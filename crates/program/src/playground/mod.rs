@@ -22,7 +22,7 @@ pub use page::write_playground;
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Question {
-    /// What the page offers.
+    /// Kinds and plants.
     About(()),
     /// A design with its report and curves.
     Design(design::Wanted),
@@ -34,7 +34,7 @@ pub enum Question {
     Identify(records::Wanted),
 }
 
-/// The answer to a question, as the page reads it; `library` goes into FMUs, and `tell` takes progress.
+/// The answer to a question, as the page reads it; `library` gives the libraries of FMUs, `tell` shows progress.
 ///
 /// # Errors
 /// Why there is none: a plant or a value that is refused, a plant that has no such controller.

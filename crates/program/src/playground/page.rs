@@ -15,19 +15,19 @@ const LOOKS: &str = include_str!("playground.css");
 
 /// Scripts of the page, in their order.
 const SCRIPTS: [(&str, &str); 14] = [
-    ("diagrams.js", SCRIPT),
     LIBRARY_SCRIPT,
     ("backend.js", include_str!("backend.js")),
+    ("diagrams.js", SCRIPT),
     ("common.js", include_str!("common.js")),
     ("matrices.js", include_str!("matrices.js")),
-    ("forms.js", include_str!("forms.js")),
     ("plant.js", include_str!("plant.js")),
     ("link.js", include_str!("link.js")),
     ("queue.js", include_str!("queue.js")),
-    ("report.js", include_str!("report.js")),
-    ("files.js", include_str!("files.js")),
     ("curves.js", include_str!("curves.js")),
     ("knobs.js", include_str!("knobs.js")),
+    ("report.js", include_str!("report.js")),
+    ("files.js", include_str!("files.js")),
+    ("forms.js", include_str!("forms.js")),
     ("playground.js", include_str!("playground.js")),
 ];
 

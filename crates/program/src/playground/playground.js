@@ -8,6 +8,7 @@ const TOGETHER = 900;
 const MOST_UNDONE = 200;
 // The address follows the design after so long, in ms.
 const LINKED = 500;
+const FIELDS = {num: 'Numerator', den: 'Denominator', states: 'States', inputs: 'Inputs', outputs: 'Outputs', example: 'Example', file: 'File'};
 const USUAL = {uncertainty: 0.2, reference: [1]};
 
 let design = START, examples = [], plant = null, wrong = null;
@@ -18,6 +19,8 @@ const plots = new Plots($('pictures')), report = new Report();
 let known = {bandwidth: null, uncertainty: null, peaks: null};
 // The last answer, the last one that had everything, and what pale curves are of.
 let last = null, settledAnswer = null, ghost = null;
+// The last design that was refused.
+let refusedDesign = null;
 let pausing = null, linking = null, isWanted = false, isMoving = false;
 
 // ---- questions
@@ -61,7 +64,8 @@ const pump = () => {
   isWanted = false;
   if (wrong) {
     quick.drop('quick');
-    refused(`Correct the plant first. ${Object.values(wrong)[0]}`, true);
+    const [[field, reason]] = Object.entries(wrong);
+    refused(`Correct the plant first. ${FIELDS[field] ?? field}: ${reason}`, true);
   } else answer('quick', true);
 };
 
@@ -73,12 +77,17 @@ const answer = async (slot, isQuick) => {
     const given = await (isQuick ? quick : slow).ask(slot, question, isQuick ? 'Designing the controller' : 'Simulating uncertain plants');
     // A late answer of another plant or kind shows nothing that is still wanted.
     if (of.kind !== design.kind || wrong) return;
+    if (given.error && isQuick) {
+      // The full report would be refused, too.
+      refusedDesign = of;
+      slow.drop('full');
+    }
     if (given.error) refused(given.error, !isQuick || !isMoving, of);
     else show(given, isQuick, question.design);
     if (!isQuick || given.error) settled();
   } catch (error) {
     if (!(error instanceof Dropped)) refused(error.message, true);
-    else if (!isQuick && of === design && !isMoving) {
+    else if (!isQuick && of === design && !isMoving && of !== refusedDesign) {
       $('of-quick').textContent = 'Nominal plant only: the report with uncertain plants was cancelled. Change a setting to compute it.';
       settled();
     }
@@ -101,7 +110,7 @@ const pause = () => {
   isMoving = false;
   if (wrong) return;
   others();
-  answer('full', false);
+  if (refusedDesign !== design) answer('full', false);
 };
 
 const settled = () => {
@@ -131,6 +140,8 @@ const show = (given, isQuick, question) => {
   $('report').classList.toggle('stale', isQuick);
   kinds.show(given.kind, given.verdict, summary(given), isQuick);
   $('files').hidden = false;
+  $('to-files').disabled = false;
+  $('description').textContent = given.description;
   $('command').textContent = given.command;
   files.show(true);
   showSettings();
@@ -151,7 +162,7 @@ const refused = (reason, isFinal, of) => {
   $('refused').textContent = reason;
   $('refused').hidden = false;
   $('verdict').hidden = true;
-  $('words').textContent = wrong ? 'No plant.' : 'No design.';
+  $('words').textContent = '';
   if (isFinal) $('live').textContent = '';
   // A reason that begins with a matrix belongs to its field.
   const field = /^(?:degree of )?(A|B|C|D|num|den)\b/.exec(reason)?.[1];
@@ -187,6 +198,7 @@ const redo = () => step(redone, undone);
 
 const become = next => {
   const isOther = next.form !== design.form || JSON.stringify(next.source) !== JSON.stringify(design.source) || next.follow.join() !== design.follow.join();
+  const isOtherForm = next.form !== design.form;
   const isOtherKind = next.kind !== design.kind;
   design = next;
   try {
@@ -202,6 +214,8 @@ const become = next => {
   // Where the default isn't known yet, a slider must not run away from itself.
   known.bandwidth ??= design.bandwidth;
   if (document.body.dataset.settled) ghost = settledAnswer;
+  // Curves of another plant are no comparison.
+  if (isOther && (next.form === 'example' || next.form === 'file' || isOtherForm)) ghost = settledAnswer = null;
   document.body.dataset.settled = '';
   isMoving = true;
   kinds.age();
@@ -276,11 +290,15 @@ const fromLink = async () => {
 const listen = () => {
   $('undo').addEventListener('click', undo);
   $('redo').addEventListener('click', redo);
+  $('to-files').addEventListener('click', () => {
+    $('files').scrollIntoView();
+    $('files-title').focus({preventScroll: true});
+  });
   $('cancel').addEventListener('click', () => (states.has('slow') ? slow : quick).cancel());
   $('all').addEventListener('change', showSettings);
   $('name').addEventListener('change', () => {
     const name = $('name').value.trim();
-    const isName = /^[A-Za-z]\w*$/.test(name);
+    const isName = NAME.test(name);
     tellWrong('name', isName ? null : 'A name begins with a letter and has letters, digits and underscores.');
     if (isName && name !== design.name) change({name});
   });

@@ -15,7 +15,7 @@ class Queue {
     Object.assign(this, {backend, onState, waiting: new Map(), running: null});
   }
 
-  // The answer to a question. `doing` says in words what takes long.
+  // The answer to a question. `doing` are words for what takes long.
   ask(slot, question, doing, isCancellable = true) {
     return new Promise((resolve, reject) => {
       const key = slot === 'cards' ? `cards ${question.design.kind}` : slot;
@@ -72,6 +72,8 @@ class Queue {
       // A cancelled question has been rejected already.
       if (this.running === mine) mine.resolve(answer);
     } catch (error) {
+      // A worker that has failed answers nothing more.
+      this.backend.cancel();
       if (this.running === mine) mine.reject(error);
     } finally {
       clearTimeout(soon);

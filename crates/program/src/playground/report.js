@@ -45,7 +45,9 @@ class Kinds {
     if (!place) return;
     place.card.classList.remove('old');
     showBadge(place.badge, verdict);
-    place.badge.append(isQuick && verdict !== 'refused' ? ' (nominal plant)' : '');
+    const isNominal = isQuick && verdict !== 'refused';
+    place.badge.classList.toggle('nominal', isNominal);
+    place.badge.title = isNominal ? 'of the nominal plant only' : '';
     // As much as has room; the rest is in the results when the kind is chosen.
     place.words.textContent = text;
     place.words.title = text;
@@ -80,6 +82,7 @@ class Report {
   show(answer, isQuick) {
     $('report').hidden = false;
     $('of-quick').hidden = !isQuick;
+    $('facts').textContent = `Bandwidth ${written(answer.bandwidth)} rad/s. Communication step ${written(answer.step)} s.`;
     const {noise, signals} = answer, text = JSON.stringify([answer.findings, answer.notes, noise]);
     if (text === this.text) return;
     this.text = text;

@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 use super::source::{UnitFile, unit_file};
 use super::{STRUCTURE, Structure};
 use crate::error::{Error, Invalid};
-use crate::exporter::{self, Embedded, Source};
+use crate::exporter::{self, DESCRIBED, Embedded, Source, read_entry};
 use crate::scratch::Scratch;
 use crate::sealed::checksum;
 use crate::text_file;
@@ -256,15 +256,20 @@ impl LoopFiles {
         unit_file(source, self.folder(), matches!(self.place, Place::Unpacked(_)))
     }
 
-    /// The description of an FMU, if there is one next to the structure or in its resources.
+    /// The description of an FMU, if there is one next to the structure, in its resources, or in its archive there.
     pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
         if let Place::Held(_, held) = &self.place {
             return Ok(held.get(fmu).cloned());
         }
         let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
         let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
-        let Some(name) = names.iter().find(lies_there) else { return Ok(None) };
-        Ok(Some(Source::read(self.path(name), self.read(name)?)))
+        if let Some(name) = names.iter().find(lies_there) {
+            return Ok(Some(Source::read(self.path(name), self.read(name)?)));
+        }
+        // FMUs of other tools have none.
+        let archive = self.folder().map(|folder| folder.join(format!("resources/{fmu}.fmu")));
+        let text = archive.filter(|file| file.is_file()).and_then(|file| read_entry(&file, DESCRIBED).ok());
+        Ok(text.map(|text| Source::read(self.path(&names[1]), text)))
     }
 
     /// Names of the parameter files next to the structure, in order.
