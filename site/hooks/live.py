@@ -29,7 +29,7 @@ log = logging.getLogger("mkdocs.hooks.live")
 
 
 def library(root: Path) -> Path:
-    return Path(os.environ.get(LIBRARY) or root / "target" / "wasm32-unknown-unknown" / "release" / "adaptive_fmu.wasm")
+    return Path(os.environ.get(LIBRARY) or root / "target" / "wasm32-unknown-unknown" / "browser" / "adaptive_fmu.wasm")
 
 
 def page_of(design: dict) -> str:

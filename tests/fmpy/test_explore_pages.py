@@ -32,7 +32,7 @@ def apart(label: str) -> float:
 @pytest.fixture(scope="module")
 def library() -> Path:
     target = "wasm32-unknown-unknown"
-    folders = [Path(target, "release"), Path(target, "debug"), Path("browser", target, "browser")]
+    folders = [Path(target, "browser"), Path("browser", target, "browser")]
     places = [ROOT / "target" / folder / "adaptive_fmu.wasm" for folder in folders]
     given = os.environ.get("ADAPTIVE_FMU_WASM")
     found = [place for place in ([Path(given)] if given else places) if place.is_file()]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import adaptive_fmu as adaptive_fmu_python
 import fmpy
 import numpy as np
 import pytest
@@ -197,3 +198,12 @@ def test_the_page_may_send_nothing(browser: Any, folder: Path) -> None:
 def test_a_narrow_screen_shows_everything_without_scrolling_aside(page: Callable[..., Any]) -> None:
     shown = page(width=400)
     assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_python_writes_the_page_or_says_what_is_missing(tmp_path: Path) -> None:
+    built = (ROOT / "target/wasm32-unknown-unknown/browser/adaptive_fmu.wasm").is_file()
+    if built:
+        assert adaptive_fmu_python.playground(tmp_path / "page", open=False) == tmp_path / "page" / "index.html"
+    else:
+        with pytest.raises(adaptive_fmu_python.Error, match="packaging/browser"):
+            adaptive_fmu_python.playground(tmp_path / "page", open=False)

@@ -19,7 +19,8 @@ use crate::library::{PACKAGE, REGISTRY, SOURCE};
 use crate::model::Standard;
 use crate::text_file;
 
-/// Folder of this package's library for browsers, next to those of platforms, and its name.
+/// Folder of this package's library for browsers, next to those of platforms, and its name; cargo's profile for it has
+/// the same name.
 pub const BROWSER: &str = "browser";
 /// See [`BROWSER`].
 pub const BROWSER_FILE: &str = "adaptive_fmu.wasm";
@@ -91,12 +92,13 @@ pub(super) fn beside(folder: &Path) -> Vec<Binary> {
     of_names(places, |platform| platform.library_name())
 }
 
-/// This package's library for browsers, which comes with the program, or which cargo built of the same sources.
+/// This package's library for browsers, which comes with the program, or which `packaging/browser` built.
 pub fn browser_library() -> Option<PathBuf> {
     let program = std::env::current_exe().ok()?;
     let folder = program.parent()?;
-    let places = library_folders(folder).map(|libraries| libraries.join(BROWSER)).chain(of_targets(folder));
-    places.map(|place| place.join(BROWSER_FILE)).find(|file| file.is_file())
+    let built = folder.parent().map(|target| target.join("wasm32-unknown-unknown"));
+    let places = library_folders(folder).chain(built).map(|place| place.join(BROWSER).join(BROWSER_FILE));
+    places.into_iter().find(|file| file.is_file())
 }
 
 /// This program, and what cargo left of the same sources for other platforms, or for older systems of this one.
