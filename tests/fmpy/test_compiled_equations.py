@@ -137,3 +137,22 @@ def test_fmus_of_another_build_are_loaded_by_each_loop_anew_and_run_alike(tmp_pa
         assert answer.returncode in (0, 3), answer.stderr
         tables.append({file.parent.name: file.read_text() for file in out.glob("*/result.csv")})
     assert len(tables[0]) == len(LOOP_NAMES) and tables[0] == tables[1]
+
+
+@pytest.mark.parametrize("vary", [["plant.m1=±10%"], ["plant.x0[1]=-0.1..0.1", "event[1].time=0.1..0.3"]])
+def test_samples_of_a_study_are_the_same_where_no_memory_for_code_is_given(vary: list[str], tmp_path: Path) -> None:
+    """All parameters but the varied ones are constants of the compiled equations; an event may change one more."""
+    try:
+        refuses()
+    except subprocess.SubprocessError:
+        pytest.skip("this system can't be asked to refuse memory for code")
+    words = [PROGRAM, "verify", "3.3.1-case2", *(f"--vary={name}" for name in vary), "--until", "0.5", "--runs", "6"]
+    words += ["--event", "0.2: plant.m2=1.5", "--require", "max |u_1| <= 1000", "--json"]
+    tables = []
+    for refused in (False, True):
+        out = tmp_path / str(refused)
+        answer = subprocess.run([*words, "--out", out], cwd=ROOT, capture_output=True, text=True, check=False, timeout=100,
+                                preexec_fn=refuse_memory_for_code if refused else None)
+        assert answer.returncode == 0, answer.stderr
+        tables.append((Path(json.loads(answer.stdout)["results"]) / "samples.csv").read_text())
+    assert tables[0] == tables[1] and "passed" in tables[0]

@@ -1,8 +1,8 @@
 //! Equations that a host compiled from their recording. They evaluate an instance in place of the generic ones, with
 //! the same bits.
 //!
-//! A kernel belongs to a model and knows the places of its block. It reads the present parameters, or is for those of
-//! one instance only. Whoever provides it must make sure that its code stays in memory as long as the instance.
+//! A kernel belongs to a model and knows the places of its block. It reads all parameters, or is for some values of them
+//! only. Whoever provides it must make sure that its code stays in memory as long as the instance.
 #![allow(unsafe_code)]
 
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::system::{Section, Variables};
 
 /// Version of the kernel and of the functions that it is compiled from; any other is refused.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// Writes signals, or signals and rates, of a block: time, reals, integers.
 pub type Evaluate = unsafe extern "C" fn(f64, *mut f64, *const i32);
@@ -22,6 +22,8 @@ pub type Differentiate = unsafe extern "C" fn(f64, *const f64, *const i32, *cons
 pub type Decompose = unsafe extern "C" fn(f64, *const f64, *mut f64) -> i32;
 /// Replaces a right-hand side by the solution, by such factors.
 pub type Solve = unsafe extern "C" fn(*const f64, *mut f64);
+/// Compares a block with the values that code was compiled for: reals, integers. Returns 0 if one differs.
+pub type Holds = unsafe extern "C" fn(*const f64, *const i32) -> i32;
 
 /// Sizes of the model that a kernel is for.
 #[repr(C)]
@@ -69,6 +71,8 @@ pub struct Code {
     pub decompose: Option<Decompose>,
     /// There where that is.
     pub solve: Option<Solve>,
+    /// None where the code is for any parameters.
+    pub holds: Option<Holds>,
 }
 
 /// Compiled equations, and the sizes of the block that they are for.
@@ -100,6 +104,14 @@ impl Kernel {
             reals.len() >= self.sizes.reals as usize && integers.len() >= self.sizes.integers as usize,
             "a block of its model"
         );
+    }
+
+    /// True if a block has the values that it was compiled for.
+    #[inline]
+    pub fn holds(&self, reals: &[f64], integers: &[i32]) -> bool {
+        self.check(reals, integers);
+        // SAFETY: the block has the sizes that it was compiled for, and it reads within them.
+        self.code.holds.is_none_or(|holds| unsafe { holds(reals.as_ptr(), integers.as_ptr()) != 0 })
     }
 
     /// Writes the signals of a block.

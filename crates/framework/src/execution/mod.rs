@@ -37,10 +37,6 @@ pub struct Execution {
     derivation: Derivation,
     event_indicators: Vec<f64>,
     kernel: Option<Kernel>,
-    /// The parameters that a kernel was asked for.
-    settled: Option<Box<Settled>>,
-    /// True if the kernel is valid for these parameters only.
-    folded: bool,
     /// Messages that wait to be logged.
     pub log: MessageLog,
 }
@@ -59,8 +55,6 @@ impl Execution {
             block: model.start().clone(),
             model,
             kernel: None,
-            settled: None,
-            folded: false,
             log: MessageLog::new(),
         };
         execution.mark_stepped();
@@ -79,28 +73,16 @@ impl Execution {
         &self.model
     }
 
-    /// Uses compiled equations in place of the generic ones. Returns false if they aren't those of its model.
+    /// Uses compiled equations in place of the generic ones. Returns false if they aren't those of its model, or are for
+    /// other parameters. When a parameter changes that they are for, the generic equations are back.
     pub fn take_kernel(&mut self, kernel: Kernel) -> bool {
-        let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries());
+        let fits = kernel.fits(self.model.variables(), self.model.sparsity().entries())
+            && kernel.holds(&self.block.reals, &self.block.integers);
         if fits {
             self.own_workspace().driver.take_kernel(&kernel);
             self.kernel = Some(kernel);
-            self.folded = false;
         }
         fits
-    }
-
-    /// Stores the present parameters, for equations that are compiled for these values only.
-    pub fn settle(&mut self) -> &Settled {
-        self.settled.insert(Box::new(Settled::of(&self.model, &self.block)))
-    }
-
-    /// Uses equations that were compiled for the [settled](Execution::settle) parameters. Returns false if they aren't
-    /// those of its model and parameters. When a parameter changes, the generic equations are back.
-    pub fn take_folded_kernel(&mut self, kernel: Kernel) -> bool {
-        let taken = self.settled.as_ref().is_some_and(|it| it.holds(&self.block)) && self.take_kernel(kernel);
-        self.folded |= taken;
-        taken
     }
 
     /// True if compiled equations are evaluated.
@@ -110,8 +92,9 @@ impl Execution {
 
     /// Parts with equations that were compiled for other parameters.
     fn check_kernel(&mut self) {
-        if self.folded && !self.settled.as_ref().is_some_and(|settled| settled.holds(&self.block)) {
-            (self.kernel, self.folded) = (None, false);
+        let Block { reals, integers } = &self.block;
+        if self.kernel.is_some_and(|kernel| !kernel.holds(reals, integers)) {
+            self.kernel = None;
         }
     }
 

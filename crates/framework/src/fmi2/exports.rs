@@ -168,11 +168,11 @@ macro_rules! define_fmi2_functions {
                 { fmi2::get_continuous_states(c, x, n) }
                 fn fmi2GetNominalsOfContinuousStates(c: Component, x: *mut f64, n: usize) -> Status
                 { fmi2::get_nominals_of_continuous_states(c, x, n) }
-                fn adaptive_fmu_kernel_functions(c: Component, folded: Boolean, reply: Option<fmi2::Reply>,
+                fn adaptive_fmu_kernel_functions(c: Component, other: Component, reply: Option<fmi2::Reply>,
                     context: *mut c_void) -> Boolean
-                { fmi2::kernel_functions(c, folded, reply, context) }
-                fn adaptive_fmu_take_kernel(c: Component, kernel: *const $crate::kernel::Kernel, folded: Boolean) -> Boolean
-                { fmi2::take_kernel(c, kernel, folded) }
+                { fmi2::kernel_functions(c, other, reply, context) }
+                fn adaptive_fmu_take_kernel(c: Component, kernel: *const $crate::kernel::Kernel) -> Boolean
+                { fmi2::take_kernel(c, kernel) }
                 fn adaptive_fmu_has_kernel(c: Component) -> Boolean { fmi2::has_kernel(c) }
             }
         }

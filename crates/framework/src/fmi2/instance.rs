@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use crate::error::{Invalid, Number, StepError};
-use crate::execution::Execution;
+use crate::execution::{Execution, Settled};
+use crate::model::Block;
 use crate::system::Data;
 
 use super::access::{Access, NoValue, Type, element};
@@ -122,22 +123,22 @@ impl Instance {
         self.phase = Phase::Poisoned;
     }
 
-    /// Returns the functions from which a kernel of its equations is compiled: for any parameters, or folded, for the
-    /// present ones.
+    /// Returns the functions from which a kernel of its equations is compiled: for any parameters, or for those that it
+    /// has in common with another instance of its unit now.
     ///
     /// # Errors
     /// The equations have no kernel.
-    pub fn kernel_functions(&mut self, folded: bool) -> Result<Functions, Invalid> {
-        if !folded {
-            return Functions::of(&self.unit.model, &|_| None);
-        }
-        let settled = self.execution.settle();
-        Functions::of(&self.unit.model, &|leaf| settled.known(leaf))
+    pub fn kernel_functions(&self, other: Option<&Instance>) -> Result<Functions, Invalid> {
+        let (own, model) = (self.execution.block(), &self.unit.model);
+        let alike = |other: &Block| (own.reals.len(), own.integers.len()) == (other.reals.len(), other.integers.len());
+        let other = other.map(|other| other.execution.block()).filter(|other| alike(other));
+        let settled = other.map_or_else(Settled::default, |other| Settled::common(model, own, other));
+        Functions::of(model, settled)
     }
 
-    /// Uses compiled equations. Returns false if they aren't those of its model.
-    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel, folded: bool) -> bool {
-        if folded { self.execution.take_folded_kernel(kernel) } else { self.execution.take_kernel(kernel) }
+    /// Uses compiled equations. Returns false if they aren't those of its model, or are for other parameters.
+    pub fn take_kernel(&mut self, kernel: crate::kernel::Kernel) -> bool {
+        self.execution.take_kernel(kernel)
     }
 
     /// True if it evaluates compiled equations.

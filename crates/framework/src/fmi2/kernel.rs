@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::differentiation;
 use crate::error::Invalid;
+use crate::execution::Settled;
 use crate::kernel::{Sizes, VERSION};
 use crate::model::Model;
 use crate::recording::{Leaf, Method, Node, Opaque, Operation, Recording, Tape, Unary};
@@ -22,6 +23,8 @@ pub struct Functions {
     version: u32,
     /// Sizes of the block that they are for.
     pub sizes: Sizes,
+    /// Parameters that they are for; empty if they are for any.
+    pub settled: Settled,
     /// Functions that they call.
     pub callees: Callees,
     /// Signals, rates, and the Jacobian.
@@ -115,9 +118,9 @@ impl Functions {
     ///
     /// # Errors
     /// When its equations can't be recorded, or are too large.
-    pub fn of(model: &Model, known: &dyn Fn(Leaf) -> Option<f64>) -> Result<Self, Invalid> {
-        let variables = model.variables();
-        let recording = Recording::of_known(model.system(), Method::Evaluate, &variables.layout(), known);
+    pub fn of(model: &Model, settled: Settled) -> Result<Self, Invalid> {
+        let (variables, known) = (model.variables(), |leaf| settled.known(leaf));
+        let recording = Recording::of_known(model.system(), Method::Evaluate, &variables.layout(), &known);
         if recording.tape.has_looked() {
             model.check_recorded()?;
         }
@@ -132,6 +135,7 @@ impl Functions {
         let mut functions = Functions {
             version: VERSION,
             sizes: Sizes::of(variables, sparsity.entries()),
+            settled,
             callees: Callees::own(),
             equations: Vec::new(),
             signals,

@@ -8,16 +8,17 @@ use super::types::{Boolean, Component, FALSE, Reply, TRUE};
 use super::{describe, floating_point, panics};
 use crate::kernel::Kernel;
 
-/// Replies with the functions to compile for a kernel of an instance's equations, for any parameters or folded, for the
-/// present ones. Returns true if it did.
+/// Replies with the functions to compile for a kernel of an instance's equations: for any parameters, or for those that
+/// it has in common with another instance, or with itself, at present. Returns true if it did.
 ///
 /// # Safety
-/// The instance is alive and in no other call; `reply` may be called with `context`.
-pub unsafe fn kernel_functions(c: Component, folded: Boolean, reply: Option<Reply>, context: *mut c_void) -> Boolean {
+/// The instance is alive and in no other call, and so is the other one, if it isn't NULL; `reply` may be called with
+/// `context`.
+pub unsafe fn kernel_functions(c: Component, other: Component, reply: Option<Reply>, context: *mut c_void) -> Boolean {
     // SAFETY: as this function asks of its caller.
-    let instance = unsafe { c.cast::<Instance>().as_mut() };
+    let (instance, other) = unsafe { (c.cast::<Instance>().as_ref(), other.cast::<Instance>().as_ref()) };
     let Some((instance, reply)) = instance.zip(reply) else { return FALSE };
-    let Ok(text) = panics::contain(|| describe::kernel(instance.kernel_functions(folded != FALSE))) else {
+    let Ok(text) = panics::contain(|| describe::kernel(instance.kernel_functions(other))) else {
         return FALSE;
     };
     let Ok(text) = CString::new(text) else { return FALSE };
@@ -27,17 +28,17 @@ pub unsafe fn kernel_functions(c: Component, folded: Boolean, reply: Option<Repl
 }
 
 /// Has an instance evaluate its equations by a kernel from now on. Returns false if the kernel isn't one of its model
-/// or, if folded, of its present parameters. The instance drops a folded kernel when a parameter changes.
+/// or is for other parameters. The instance drops a kernel when a parameter changes that it is for.
 ///
 /// # Safety
 /// The instance is alive and in no other call. The kernel is NULL or what was compiled from what an instance of this model
-/// replied last, by this very library, and stays in memory as long as the instance lives.
-pub unsafe fn take_kernel(c: Component, kernel: *const Kernel, folded: Boolean) -> Boolean {
+/// replied, by this very library, and stays in memory as long as the instance lives.
+pub unsafe fn take_kernel(c: Component, kernel: *const Kernel) -> Boolean {
     // SAFETY: as this function asks of its caller.
     let (instance, kernel) = unsafe { (c.cast::<Instance>().as_mut(), kernel.as_ref()) };
     let taken = |(instance, kernel): (&mut Instance, &Kernel)| {
         // Before a panic nothing is taken; the generic equations stay.
-        panics::contain(|| instance.take_kernel(*kernel, folded != FALSE)).unwrap_or(false)
+        panics::contain(|| instance.take_kernel(*kernel)).unwrap_or(false)
     };
     if instance.zip(kernel).is_some_and(taken) { TRUE } else { FALSE }
 }

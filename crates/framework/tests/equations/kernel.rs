@@ -16,13 +16,13 @@ use crate::recording::{Draw, same, whole_loops};
 
 /// A compiled kernel, as the program makes it.
 fn compiled(model: &Model) -> jit::Compiled {
-    let told = describe::kernel(Functions::of(model, &|_| None));
+    let told = describe::kernel(Functions::of(model, Settled::default()));
     jit::Compiled::of(&read_kernel(&told).unwrap().unwrap()).unwrap()
 }
 
 /// A kernel that is compiled for the parameters of a block.
 fn folded(model: &Model, settled: &Settled) -> jit::Compiled {
-    let told = describe::kernel(Functions::of(model, &|leaf| settled.known(leaf)));
+    let told = describe::kernel(Functions::of(model, settled.clone()));
     jit::Compiled::of(&read_kernel(&told).unwrap().unwrap()).unwrap()
 }
 
@@ -41,14 +41,14 @@ fn compare_folded(model: &Model, random: &mut Random) {
             assert!(same(*found, *expected), "{name}, folded, real {place}: {found:e}, not {expected:e}");
         }
         compare_jacobian(model, (compiled.kernel(), true), &draw, random);
-        assert!(settled.holds(block));
+        assert!(compiled.kernel().holds(&block.reals, &block.integers));
     }
 }
 
 fn compare(model: &Model, points: usize, random: &mut Random) {
     let (name, variables) = (&model.description().name, model.variables());
     let compiled = compiled(model);
-    let first = jit::Compiled::evaluation(&Functions::of(model, &|_| None).unwrap()).unwrap();
+    let first = jit::Compiled::evaluation(&Functions::of(model, Settled::default()).unwrap()).unwrap();
     let kernel = compiled.kernel();
     assert!(kernel.fits(variables, model.sparsity().entries()), "{name}");
     assert!(first.kernel().fits(variables, model.sparsity().entries()) && first.kernel().factors().is_none());
@@ -104,8 +104,8 @@ fn compare_steps(mut description: Description) {
     let [mut generic, mut unit, mut own] = [(); 3].map(|()| Execution::new(std::sync::Arc::clone(&model)));
     assert!(unit.take_kernel(*kernel.kernel()));
     [&mut generic, &mut unit, &mut own].into_iter().for_each(|unit| unit.initialise().unwrap());
-    let of_own = folded(&model, own.settle());
-    assert!(own.take_folded_kernel(*of_own.kernel()));
+    let of_own = folded(&model, &Settled::of(&model, own.block()));
+    assert!(own.take_kernel(*of_own.kernel()));
     let step = model.description().experiment.step;
     for k in 0..50 {
         let [one, other, third] = [&mut generic, &mut unit, &mut own].map(|unit| unit.step(f64::from(k) * step, step));
@@ -199,7 +199,7 @@ fn the_making_of_a_kernel_is_bounded() {
     let model = dense(40);
     compare(&model, 3, &mut random);
     let begun = std::time::Instant::now();
-    let reason = Functions::of(&dense(150), &|_| None).unwrap_err().to_string();
+    let reason = Functions::of(&dense(150), Settled::default()).unwrap_err().to_string();
     assert!(reason.contains("operations are more than"), "{reason}");
     assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
 }
@@ -240,8 +240,8 @@ fn a_folded_kernel_is_left_as_soon_as_a_parameter_is_another() {
     ];
     for (way, changed) in ways {
         let [mut generic, mut unit] = [started(), started()];
-        let kernel = folded(&model, unit.settle());
-        assert!(unit.take_folded_kernel(*kernel.kernel()));
+        let kernel = folded(&model, &Settled::of(&model, unit.block()));
+        assert!(unit.take_kernel(*kernel.kernel()));
         assert_eq!(advanced(&mut unit, 0), advanced(&mut generic, 0), "{way}");
         assert!(unit.has_kernel(), "{way}");
         [&mut generic, &mut unit].into_iter().for_each(changed);
@@ -249,6 +249,37 @@ fn a_folded_kernel_is_left_as_soon_as_a_parameter_is_another() {
         assert_eq!(advanced(&mut unit, from), advanced(&mut generic, from), "{way}");
         assert!(!unit.has_kernel(), "{way}");
         // What was compiled for others isn't taken, either.
-        assert!(!unit.take_folded_kernel(*kernel.kernel()), "{way}");
+        assert!(!unit.take_kernel(*kernel.kernel()), "{way}");
     }
+}
+
+/// Instances that differ in one parameter share a kernel for all others.
+#[test]
+fn a_kernel_of_common_parameters_serves_all_values_of_the_others() {
+    let text = description("L1NonlinearSiso");
+    let model = std::sync::Arc::new(Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap());
+    let place = |name: &str| {
+        let variable = model.variables().iter().find(|it| it.name == name).unwrap();
+        model.variables().index(variable.elements().next().unwrap())
+    };
+    let started = |name: &str, factor: f64| {
+        let (mut unit, place) = (Execution::new(std::sync::Arc::clone(&model)), place(name));
+        unit.set_real(place, factor * unit.block().reals[place]);
+        unit.initialise().unwrap();
+        unit
+    };
+    let free = |factor| started("adaptation_gain", factor);
+    let kernel = folded(&model, &Settled::common(&model, free(1.0).block(), free(1.1).block()));
+    let step = model.description().experiment.step;
+    for factor in [0.5, 1.0, 3.0] {
+        let [mut generic, mut unit] = [free(factor), free(factor)];
+        assert!(unit.take_kernel(*kernel.kernel()));
+        for k in 0..20 {
+            [&mut generic, &mut unit].map(|unit| unit.step(f64::from(k) * step, step).unwrap());
+        }
+        assert!(unit.has_kernel());
+        let bits = |unit: &Execution| unit.block().reals.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&unit), bits(&generic), "{factor}");
+    }
+    assert!(!started("theta_bound", 1.1).take_kernel(*kernel.kernel()));
 }

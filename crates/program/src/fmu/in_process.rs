@@ -248,6 +248,10 @@ impl RunningUnit for InProcess {
         self.log.take()
     }
 
+    fn component(&self) -> Option<Component> {
+        Some(self.component)
+    }
+
     fn free(&mut self) -> Result<(), String> {
         if !std::mem::replace(&mut self.is_freed, true) {
             // SAFETY: the type is the standard's; freed once, while its library is loaded.

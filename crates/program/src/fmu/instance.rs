@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::Fmu;
 use super::Value;
+use super::kernel::Common;
 use super::messages::Messages;
 use super::unit::{Answer, Call, DISCARD, OK, RunningUnit, WARNING, no_event_info};
 use crate::error::{Error, Number};
@@ -59,6 +60,14 @@ impl Instance {
     /// The communication step that its FMU proposes, else a usual one, s.
     pub fn step(&self) -> f64 {
         self.fmu.step()
+    }
+
+    /// Compiles equations for the parameters that it has in common with another instance of its FMU; none if they can't be.
+    pub fn compile_common(&self, other: &Instance) -> Option<Common> {
+        let components =
+            [self.unit.component()?, other.unit.component().filter(|_| Arc::ptr_eq(&self.fmu, &other.fmu))?];
+        let (binary, kernel) = self.fmu.here()?;
+        kernel.compile_common(components, binary)
     }
 
     /// Messages since the last call: warnings, if every call was OK.

@@ -3,7 +3,8 @@
 //! to the bit.
 //!
 //! A kernel is for any parameters, and so for all instances of an FMU; or it is folded: its code contains the values of
-//! one instance's parameters. An instance drops a folded kernel by itself as soon as a parameter changes.
+//! one instance's parameters, or of those that all samples of a study have in common. An instance drops a folded kernel by
+//! itself as soon as such a parameter changes.
 
 use std::collections::HashMap;
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -23,9 +24,9 @@ use crate::jit::{self, Compiled};
 use crate::kernel::Kernel;
 
 /// Functions that a library exports in addition to those of the standard.
-type Tell = unsafe extern "C" fn(Component, c_int, Option<Reply>, *mut c_void) -> c_int;
+type Tell = unsafe extern "C" fn(Component, Component, Option<Reply>, *mut c_void) -> c_int;
 type Reply = unsafe extern "C" fn(*mut c_void, *const c_char);
-type Take = unsafe extern "C" fn(Component, *const Kernel, c_int) -> c_int;
+type Take = unsafe extern "C" fn(Component, *const Kernel) -> c_int;
 type Has = unsafe extern "C" fn(Component) -> c_int;
 
 /// Delay of the second kernel, which doesn't pay for runs that end sooner.
@@ -56,7 +57,13 @@ pub(super) fn checksum(file: &Path, library: &[u8]) -> Option<Checksum> {
 pub(super) struct Awaited {
     sought: Arc<Sought>,
     functions: Functions,
+    /// A kernel for the parameters that further instances have in common.
+    common: Arc<OnceLock<Common>>,
 }
+
+/// A kernel for parameters that several instances have in common.
+#[derive(Debug, Clone)]
+pub struct Common(Arc<Sought>);
 
 /// The functions of one loaded library.
 #[derive(Debug, Clone, Copy)]
@@ -95,7 +102,21 @@ impl Awaited {
         let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
         // The library may be loaded at several addresses: the kernel serves all, the functions only this one.
         let sought = Arc::clone(known.get_or_insert_default().entry((*library, text)).or_default());
-        Some(Awaited { sought, functions })
+        Some(Awaited { sought, functions, common: Arc::default() })
+    }
+
+    /// Compiles a kernel for the parameters that two instances of the library have in common; none if that fails.
+    pub fn compile_common(&self, components: [Component; 2], binary: &Arc<Binary>) -> Option<Common> {
+        let functions = read_kernel(&told(components[0], components[1], self.functions.tell).ok()?).ok()?.ok()?;
+        let made = Made { compiled: Compiled::of(&functions).ok()?, _library: Arc::clone(binary) };
+        // It is complete, so a second one never comes.
+        let found = [OnceLock::from(Ok(made)), OnceLock::from(Err(String::new()))];
+        Some(Common(Arc::new(Sought { found, begun: AtomicBool::new(true) })))
+    }
+
+    /// Hands a kernel of common parameters to all further instances.
+    pub fn share(&self, common: &Common) {
+        let _ = self.common.set(common.clone());
     }
 
     /// Text on how equations are evaluated.
@@ -129,7 +150,7 @@ impl Drop for Counted {
 pub(super) struct Folding {
     own: Arc<Sought>,
     of_unit: Awaited,
-    _counted: Counted,
+    _counted: Option<Counted>,
 }
 
 /// State of the equations of an instance.
@@ -149,11 +170,13 @@ pub(super) enum Equations {
 impl Equations {
     /// Equations of an instance of an FMU, with its kernel if it has one.
     pub fn of(unit: Option<Awaited>) -> Self {
-        let folds = FOLDS.load(Ordering::Relaxed).then(Counted::one).flatten();
-        match (unit, folds) {
-            (None, _) => Equations::Settled,
-            (Some(unit), None) => Equations::Waiting(unit, 0),
-            (Some(of_unit), Some(_counted)) => Equations::Folding(Folding { own: Arc::default(), of_unit, _counted }),
+        let Some(of_unit) = unit else { return Equations::Settled };
+        if let Some(Common(own)) = of_unit.common.get().cloned() {
+            return Equations::Folding(Folding { own, of_unit, _counted: None });
+        }
+        match FOLDS.load(Ordering::Relaxed).then(Counted::one).flatten() {
+            None => Equations::Waiting(of_unit, 0),
+            counted => Equations::Folding(Folding { own: Arc::default(), of_unit, _counted: counted }),
         }
     }
 
@@ -214,13 +237,15 @@ impl Sought {
     ) -> Option<bool> {
         let Some(found) = self.found[which].get() else {
             if which == 0 && !self.begun.swap(true, Ordering::Relaxed) {
-                self.begin(told(component, functions.tell, folded), binary);
+                // For its own parameters, or for any.
+                let other = if folded { component } else { std::ptr::null_mut() };
+                self.begin(told(component, other, functions.tell), binary);
             }
             return None;
         };
         // SAFETY: the library itself handed over the compiled equations. The instance is alive and in no other call;
         // the kernel stays in memory until the process ends (`KNOWN`) or, if folded, as long as the instance's owner.
-        let take = |made: &Made| unsafe { (functions.take)(component, made.compiled.kernel(), folded.into()) } != 0;
+        let take = |made: &Made| unsafe { (functions.take)(component, made.compiled.kernel()) } != 0;
         Some(found.as_ref().is_ok_and(take))
     }
 
@@ -242,11 +267,11 @@ impl Sought {
     }
 }
 
-/// The equations of an instance, as text.
-fn told(component: Component, tell: Tell, folded: bool) -> Result<String, String> {
+/// The equations of an instance, as text: for any parameters, or for those that it has in common with another one.
+fn told(component: Component, other: Component, tell: Tell) -> Result<String, String> {
     let mut reply: Option<String> = None;
-    // SAFETY: the instance is alive and in no other call, and the reply outlives the call.
-    unsafe { tell(component, folded.into(), Some(keep), std::ptr::from_mut(&mut reply).cast()) };
+    // SAFETY: the instances are alive and in no other call, and the reply outlives the call.
+    unsafe { tell(component, other, Some(keep), std::ptr::from_mut(&mut reply).cast()) };
     reply.ok_or_else(|| "the library of the FMU doesn't provide its equations".to_owned())
 }
 

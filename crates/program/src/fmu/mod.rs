@@ -29,8 +29,8 @@ use std::time::Duration;
 pub use guest::serve as serve_unit;
 use in_process::{Binary, InProcess, Plan};
 pub use instance::{Event, Instance};
-pub use kernel::fold_parameters;
 use kernel::{Awaited, checksum};
+pub use kernel::{Common, fold_parameters};
 pub use messages::Messages;
 #[cfg(unix)]
 use own_process::OwnProcess;
@@ -228,6 +228,22 @@ impl Fmu {
     /// The text of its modelDescription.xml.
     pub fn text(&self) -> &str {
         &self.text
+    }
+
+    /// The library and the compiled equations of its instances for co-simulation, if it is of this crate.
+    fn here(&self) -> Option<(&Arc<Binary>, &Awaited)> {
+        match self.co_simulation.as_ref()? {
+            Place::Here { binary, kernel } => Some((binary, kernel.as_ref()?)),
+            #[cfg(unix)]
+            Place::OwnProcess { .. } => None,
+        }
+    }
+
+    /// Hands compiled equations for common parameters to all further instances for co-simulation.
+    pub fn share(&self, common: &Common) {
+        if let Some((_, kernel)) = self.here() {
+            kernel.share(common);
+        }
     }
 
     /// True if each instance has a separate process.

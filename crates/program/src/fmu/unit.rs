@@ -5,7 +5,7 @@ use std::fmt;
 
 use super::messages::Messages;
 use crate::fmi2::calls::Function;
-use crate::fmi2::types::{EventInfo, Status};
+use crate::fmi2::types::{Component, EventInfo, Status};
 
 /// Status of a call as a number, since another tool's FMU may return any.
 pub(super) type Answer = c_int;
@@ -76,6 +76,11 @@ pub(super) trait RunningUnit: fmt::Debug {
 
     /// Messages that it logged or wrote since the last call.
     fn messages(&self) -> Messages;
+
+    /// Its component, if it is in this process.
+    fn component(&self) -> Option<Component> {
+        None
+    }
 
     /// Frees the instance once. Returns the reason if that fails.
     fn free(&mut self) -> Result<(), String>;

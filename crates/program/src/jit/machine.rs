@@ -6,16 +6,18 @@ use std::sync::OnceLock;
 
 use cranelift_codegen::control::ControlPlane;
 use cranelift_codegen::cursor::{Cursor, FuncCursor};
-use cranelift_codegen::ir::types::{F64, I32};
-use cranelift_codegen::ir::{AbiParam, Function, InstBuilder, Signature, Type, UserFuncName, Value};
+use cranelift_codegen::ir::condcodes::IntCC;
+use cranelift_codegen::ir::types::{F64, I32, I64};
+use cranelift_codegen::ir::{AbiParam, Function, InstBuilder, MemFlags, Signature, Type, UserFuncName, Value};
 use cranelift_codegen::isa::OwnedTargetIsa;
 use cranelift_codegen::settings::{self, Configurable};
 use cranelift_codegen::{Context, isa};
 use memmap2::{Mmap, MmapMut};
 
 use super::emitter::{Emitter, Given, Written};
+use crate::execution::Settled;
 use crate::fmi2::kernel::{Functions, Solver};
-use crate::kernel::{Code, Decompose, Differentiate, Evaluate, Kernel, Solve};
+use crate::kernel::{Code, Decompose, Differentiate, Evaluate, Holds, Kernel, Solve};
 use crate::recording::{Leaf, Node, Operation};
 
 /// Alignment of the first instruction of a function, bytes.
@@ -53,6 +55,7 @@ impl Compiled {
             Assembly { isa: own_isa(if whole { "speed" } else { "none" })?, functions, code: Vec::new() };
         let outputs = assembly.evaluation(false)?;
         let evaluate = assembly.evaluation(true)?;
+        let holds = assembly.comparison()?;
         let jacobian = if whole { assembly.jacobian(&slopes)? } else { None };
         let solver = functions.solver.as_ref().filter(|_| whole).map(|solver| assembly.solver(solver)).transpose()?;
         let code = in_memory(&assembly.code)?;
@@ -65,6 +68,7 @@ impl Compiled {
                 jacobian: jacobian.map(|place| transmute::<*const u8, Differentiate>(at(place))),
                 decompose: solver.map(|[place, _]| transmute::<*const u8, Decompose>(at(place))),
                 solve: solver.map(|[_, place]| transmute::<*const u8, Solve>(at(place))),
+                holds: holds.map(|place| transmute::<*const u8, Holds>(at(place))),
             }
         };
         // SAFETY: the library that gave the functions counts places within the sizes that it gave with them. The code
@@ -173,25 +177,67 @@ impl<'a> Assembly<'a> {
         Ok([decompose, solve])
     }
 
-    /// Compiles one function and returns its start. `body` assigns a meaning to its parameters.
+    /// Compiles the comparison of a block with the parameters that the functions are for; none if they are for any.
+    fn comparison(&mut self) -> Result<Option<usize>, String> {
+        let (pointer, Settled { reals, integers }) = (self.isa.pointer_type(), &self.functions.settled);
+        if reals.is_empty() && integers.is_empty() {
+            return Ok(None);
+        }
+        let place = self.assembled([pointer, pointer], true, |mut cursor, [of_reals, of_integers]| {
+            let mut differ = cursor.ins().iconst(I64, 0);
+            let mut compare = |cursor: &mut FuncCursor, value, known: i64| {
+                let known = cursor.ins().iconst(I64, known);
+                let different = cursor.ins().bxor(value, known);
+                differ = cursor.ins().bor(differ, different);
+            };
+            for (place, bits) in reals {
+                let value = cursor.ins().load(I64, MemFlags::trusted(), of_reals, *place as i32 * 8);
+                compare(&mut cursor, value, *bits as i64);
+            }
+            for (place, known) in integers {
+                let value = cursor.ins().load(I32, MemFlags::trusted(), of_integers, *place as i32 * 4);
+                let value = cursor.ins().sextend(I64, value);
+                compare(&mut cursor, value, i64::from(*known));
+            }
+            let holds = cursor.ins().icmp_imm(IntCC::Equal, differ, 0);
+            let holds = cursor.ins().uextend(I32, holds);
+            cursor.ins().return_(&[holds]);
+            Ok(())
+        });
+        place.map(Some)
+    }
+
+    /// Compiles one function of operations and returns its start. `body` assigns a meaning to its parameters.
     fn function<const N: usize>(
         &mut self,
         parameters: [Type; N],
         (operations, condition): Operations,
         body: impl FnOnce(&mut FuncCursor, [Value; N]) -> (Given, Vec<Written<'a>>),
     ) -> Result<usize, String> {
+        let (target, callees) = ((self.isa.pointer_type(), self.isa.default_call_conv()), &self.functions.callees);
+        self.assembled(parameters, condition.is_some(), |mut cursor, parameters| {
+            let (given, written) = body(&mut cursor, parameters);
+            Emitter::new(cursor, callees, target, given).write(operations, &written, condition)
+        })
+    }
+
+    /// Compiles one function and returns its start. `answers` if it returns an integer; `write` writes it at a cursor.
+    fn assembled<const N: usize>(
+        &mut self,
+        parameters: [Type; N],
+        answers: bool,
+        write: impl FnOnce(FuncCursor, [Value; N]) -> Result<(), String>,
+    ) -> Result<usize, String> {
         let convention = self.isa.default_call_conv();
         let mut signature = Signature::new(convention);
         signature.params = parameters.map(AbiParam::new).to_vec();
-        signature.returns = condition.map(|_| AbiParam::new(I32)).into_iter().collect();
+        signature.returns = answers.then(|| AbiParam::new(I32)).into_iter().collect();
         let mut context = Context::for_function(Function::with_name_signature(UserFuncName::default(), signature));
         let entry = context.func.dfg.make_block();
         let parameters = parameters.map(|of| context.func.dfg.append_block_param(entry, of));
         let mut cursor = FuncCursor::new(&mut context.func);
         cursor.insert_block(entry);
-        let (given, written) = body(&mut cursor, parameters);
-        let target = (self.isa.pointer_type(), convention);
-        Emitter::new(cursor, &self.functions.callees, target, given).write(operations, &written, condition)?;
+        write(cursor, parameters)?;
         let compiled =
             context.compile(&*self.isa, &mut ControlPlane::default()).map_err(|error| because(error.inner))?;
         if !compiled.buffer.relocs().is_empty() {

@@ -4,7 +4,7 @@ use super::port::Ports;
 use super::recording::Recording;
 use super::settling::Settling;
 use crate::error::Error;
-use crate::fmu::{Instance, Messages, Value};
+use crate::fmu::{Common, Instance, Messages, Value};
 use crate::model_description::Affine;
 use crate::model_description::Variable;
 use crate::report::number;
@@ -130,6 +130,16 @@ impl ClosedLoop {
     /// Connects the signal at a place of the row to an input of a component.
     pub(super) fn connect(&mut self, unit: usize, input: &Variable, place: usize, conversion: Affine) {
         self.units[unit].inputs.add(input, place, conversion);
+    }
+
+    /// Compiles equations for the parameters that its first component has in common with that of another loop when
+    /// both are initialised, with this start and stop time; none if that isn't possible.
+    pub(super) fn compile_common(mut self, mut other: Self, (start, stop): (f64, f64)) -> Option<Common> {
+        let begun = self.initialise(start, stop).is_ok() && other.initialise(start, stop).is_ok();
+        let (one, another) = (self.units.first()?, other.units.first()?);
+        let common = begun.then(|| one.instance.compile_common(&another.instance)).flatten();
+        let _ = [self, other].map(|closed| closed.free(&mut Recording::default(), Ok(())));
+        common
     }
 
     /// Names of its signals.

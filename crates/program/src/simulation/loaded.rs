@@ -8,10 +8,10 @@ use super::closed_loop::{Change, ClosedLoop, Place};
 use super::port::signals;
 use super::recording::Recording;
 use crate::error::{Error, Invalid};
-use crate::fmu::{Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
+use crate::fmu::{Common, Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
 use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::near;
-use crate::structure::{Circles, Component, Event, Link, Order, Structure, check};
+use crate::structure::{Circles, Component, Event, Link, Order, Settings, Structure, check};
 
 /// A loop that is ready for instantiation.
 #[derive(Debug)]
@@ -328,6 +328,29 @@ impl LoadedLoop {
         let only_once = |name: &str| name == "canBeInstantiatedOnlyOncePerProcess";
         let is_single = |fmu: &Fmu| fmu.description.capabilities.iter().any(|(name, _)| only_once(name));
         !self.units.iter().any(|unit| !unit.fmu.has_own_processes() && is_single(&unit.fmu))
+    }
+
+    /// Compiles equations of a loop of one FMU for the parameters that runs with such start values and changes have in
+    /// common with the loop's own; none if that isn't possible.
+    pub fn compile_common(
+        &self,
+        further: &[(Place, Value)],
+        changes: &[Change],
+        Settings { start_time, stop_time, .. }: Settings,
+    ) -> Option<Common> {
+        if self.units.len() != 1 {
+            return None;
+        }
+        // Values that change during the run are different from the start; the first change of each counts.
+        let changed = self.changes.iter().chain(changes).rev().map(|change| (change.place, change.value.clone()));
+        let further: Vec<_> = further.iter().cloned().chain(changed).collect();
+        let (own, other) = (self.instantiate_with(&[]).ok()?, self.instantiate_with(&further).ok()?);
+        own.compile_common(other, (start_time, stop_time))
+    }
+
+    /// Hands such equations to all further instances.
+    pub fn share(&self, common: &Common) {
+        self.units.iter().for_each(|unit| unit.fmu.share(common));
     }
 
     /// Instantiates and connects the components, with further start values of Real variables.

@@ -23,6 +23,8 @@ const BLOCK: usize = 1 << 14;
 const ROW: u64 = 32;
 /// The most batches of all workers.
 const BATCHES: u64 = 32;
+/// The most samples that are tried for compiled equations.
+const MOST_REFUSED: u64 = 4;
 /// Number of samples at which refused ones are first counted; each further count is at ten times as many.
 const FIRST_COUNT: u64 = 1000;
 
@@ -107,7 +109,21 @@ impl Study {
         for _ in 0..further {
             loops.push(load(&structure)?);
         }
-        Ok(Study { structure, settings, events, varied, seed: asked.seed, labels, limits, loops })
+        let study = Study { structure, settings, events, varied, seed: asked.seed, labels, limits, loops };
+        study.fold();
+        Ok(study)
+    }
+
+    /// Compiles the equations for all parameters but the varied ones: those of the first sample that isn't refused show
+    /// which these are.
+    fn fold(&self) {
+        let common = (0..MOST_REFUSED).find_map(|sample| {
+            let of = self.varied.sample(&self.values(sample), self.random(sample));
+            self.loops[0].compile_common(&of.start, &of.changes, self.settings)
+        });
+        if let Some(common) = common {
+            self.loops.iter().for_each(|loaded| loaded.share(&common));
+        }
     }
 
     /// The loop.
