@@ -151,8 +151,15 @@ def test_samples_of_a_study_are_the_same_where_no_memory_for_code_is_given(vary:
     tables = []
     for refused in (False, True):
         out = tmp_path / str(refused)
-        answer = subprocess.run([*words, "--out", out], cwd=ROOT, capture_output=True, text=True, check=False, timeout=100,
-                                preexec_fn=refuse_memory_for_code if refused else None)
+        answer = subprocess.run(
+            [*words, "--out", out],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
+            preexec_fn=refuse_memory_for_code if refused else None,
+        )
         assert answer.returncode == 0, answer.stderr
         tables.append((Path(json.loads(answer.stdout)["results"]) / "samples.csv").read_text())
     assert tables[0] == tables[1] and "passed" in tables[0]

@@ -275,7 +275,7 @@ fn a_kernel_of_common_parameters_serves_all_values_of_the_others() {
         let [mut generic, mut unit] = [free(factor), free(factor)];
         assert!(unit.take_kernel(*kernel.kernel()));
         for k in 0..20 {
-            [&mut generic, &mut unit].map(|unit| unit.step(f64::from(k) * step, step).unwrap());
+            [&mut generic, &mut unit].into_iter().for_each(|unit| _ = unit.step(f64::from(k) * step, step).unwrap());
         }
         assert!(unit.has_kernel());
         let bits = |unit: &Execution| unit.block().reals.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
