@@ -77,7 +77,7 @@ KEYWORDS = {"event": "events", "parameter": "parameters", "set": "values"}
 OPTION = re.compile(
     r"--(amplitude|at|at-most|bandwidth|case|compile|composite|confidence|delay|event|fixed|fmus|force|free|generations|hold|hold-out|"
     r"input|inputs|interface|kinds|level|margin|measured|metric|noise|offset|operating-point|order|out|output|"
-    r"outputs|parameter|particles|plant|platforms|record|reference|require|runs|seed|separate|set|settling-time|signal|"
+    r"outputs|parameter|particles|plant|platforms|rare|record|reference|require|runs|seed|separate|set|settling-time|signal|"
     r"source|square|ssp|states|steady-state|step|structure|tag|terminals|time|uncertainty|until|up-to|values|vary|vary-from|"
     r"want|windows|without)\b(?![\w-])(?: <[^>]+>| (NAME)\b)?"
 )

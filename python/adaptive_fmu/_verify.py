@@ -49,6 +49,10 @@ class Verified:
         self.runs: int = answer["runs"]
         #: Number of runs that failed.
         self.failures: int = answer["failures"]
+        #: The failure rate: of the runs, or estimated with `rare`.
+        self.rate: float = answer["share"]
+        #: Levels of a subset simulation (`rare`), one row each: margin, samples, within, accepted; None without.
+        self.levels: pd.DataFrame | None = pd.DataFrame(answer["rare"]["levels"]) if answer["rare"] else None
         #: Interval of the failure rate with the confidence that was asked for.
         self.interval: tuple[float, float] = (answer["interval"][0], answer["interval"][1])
         #: The confidence.
@@ -76,7 +80,7 @@ class Verified:
         self.notes: list[str] = list(notes)
 
     def plot(self) -> Figure:
-        """Return a figure of the share of failing runs over each parameter.
+        """Return a figure of the share of failing runs over each parameter; with `rare`, of the values in failing runs.
 
         >>> import adaptive_fmu
         >>> verified = adaptive_fmu.verify("3.2.1-cosine", {"plant.omega": "±30%"}, ["max |u| <= 1.28"], runs=20, until=2)
@@ -92,7 +96,12 @@ class Verified:
         figure.set_size_inches(7.0, 2.2 * len(names))
         plots: Any = figure.subplots(len(names), squeeze=False)
         for axes, name in zip(plots[:, 0], names):
-            _draw_rate(axes, name, runs[name], failing)
+            if self.levels is None:
+                _draw_rate(axes, name, runs[name], failing)
+            else:
+                axes.hist(runs[name][failing > 0], bins=GROUPS)
+                axes.set_xlabel(name)
+                axes.set_ylabel("failing runs")
         figure.suptitle(self.sentence, fontsize="medium", wrap=True)
 
     def _repr_html_(self) -> str:
@@ -122,6 +131,7 @@ def verify(
     *,
     vary_from: Mapping[str, PathLike] = {},
     at_most: float | None = None,
+    rare: bool = False,
     confidence: float = 0.95,
     runs: int | None = None,
     seed: int = 1,
@@ -150,8 +160,9 @@ def verify(
     vary_from: files by the names of state-space components, whose A and B are drawn: a model.json of `identify`, or a controller's
         description with the uncertainty in its [nominal].
     at_most: largest failure rate that is allowed; the study ends as soon as it is decided. Default: None, the rate is estimated.
+    rare: True to estimate a small failure rate by subset simulation. Default: False.
     confidence: confidence of the verdict and of the interval. Default: 0.95.
-    runs: largest number of runs. Default: 100 / at_most, or 10000.
+    runs: largest number of runs. Default: 100 / at_most, 20000 with `rare`, or 10000.
     seed: seed of the random numbers; the same seed gives the same samples. Default: 1.
     same_noise: True to use the same sensor noise in all runs. Default: False.
     separate: True to simulate the components separately, as `Loop.run` does. Default: False, the loop is one continuous system if
@@ -183,7 +194,7 @@ def verify(
     request += [f"--at-most={number(at_most)}"] if at_most is not None else []
     request += [f"--runs={runs}"] if runs is not None else []
     request += [f"--confidence={number(confidence)}", f"--seed={seed}"]
-    for option, is_given in (("--same-noise", same_noise), ("--separate", separate), ("--force", force)):
+    for option, is_given in (("--rare", rare), ("--same-noise", same_noise), ("--separate", separate), ("--force", force)):
         request += [option] if is_given else []
     request += [f"--tag={tag}"] if tag is not None else []
     with tempfile.TemporaryDirectory() as folder, shown(loop._shown, progress) as show:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from statistics import NormalDist
 
 import adaptive_fmu as package
 import numpy as np
@@ -120,7 +121,10 @@ def test_the_line_of_each_failing_sample_shows_its_failure(tmp_path: Path) -> No
     failing = [row for row in rows(result) if row["result"] != "passed"]
     assert 0 < len(failing) == result["failures"] < 60, result
     lines = sorted((folder / "failed").glob("*.txt"))
-    assert len(lines) == len(failing) == len(list((folder / "failed").glob("*.ssv"))) and len(list((folder / "worst").glob("*.ssv"))) == 60
+    assert (
+        len(lines) == len(failing) == len(list((folder / "failed").glob("*.ssv")))
+        and len(list((folder / "worst").glob("*.ssv"))) == 60
+    )
     for row, file in list(zip(failing, lines, strict=True))[:3]:
         remark, line = file.read_text().strip().splitlines()
         assert f"Sample {row['sample']}:" in remark
@@ -150,14 +154,29 @@ def test_a_study_goes_on_where_it_ended(tmp_path: Path) -> None:
 def test_refused_samples_are_no_runs_and_more_than_one_in_a_hundred_end_the_study(tmp_path: Path) -> None:
     # rho_inf must be below rho_0.
     loop, vary = "5", "controller.rho_inf[1]="
-    error = fails("verify", loop, "--vary", f"{vary}0.001..1000", "--runs", "20", "--until", "0.01",
-                  "--require", "funnel", "--out", str(tmp_path))
+    error = fails(
+        "verify",
+        loop,
+        "--vary",
+        f"{vary}0.001..1000",
+        "--runs",
+        "20",
+        "--until",
+        "0.01",
+        "--require",
+        "funnel",
+        "--out",
+        str(tmp_path),
+    )
     assert "components refused 1 of 1 samples; at most 1 % may be" in error and "must be below controller.rho_0[1]" in error
 
 
 def test_noise_has_a_seed_of_its_own_in_each_run(tmp_path: Path) -> None:
     loop, options = "3.3.1-case2-bench", ["--vary", "plant.m1=±10%", "--until", "0.05", "--runs", "4"]
-    labels = [metric["label"] for metric in json.loads(adaptive_fmu("run", loop, "--until", "0.05", "--json", "--out", tmp_path).stdout)["metrics"]]
+    labels = [
+        metric["label"]
+        for metric in json.loads(adaptive_fmu("run", loop, "--until", "0.05", "--json", "--out", tmp_path).stdout)["metrics"]
+    ]
     peak = next(label for label in labels if label.startswith("max"))
     result = verify(tmp_path, loop, *options, "--require", f"{peak} <= 1e9")
     seeds = [[value for name, value in row.items() if name.endswith(".seed")] for row in rows(result)]
@@ -269,3 +288,101 @@ def test_python_has_the_same_verdict_samples_and_failures(tmp_path: Path) -> Non
     assert there.samples.equals(verified.samples)
     with pytest.raises(package.Error, match="max \\|u\\|"):
         package.verify(LOOP, vary, "max |v| <= 1", runs=5)
+
+
+# A mass without friction: its position after 1 s is its position at the start plus its speed.
+MASS = SOURCE
+for found, replaced in {
+    'name="source"': 'name="plant"',
+    "source.r[1]": "plant.y[1]",
+    "r[1]": "y[1]",
+    "Reference.fmu": "StateSpace.fmu",
+    '"0.1"': '"1.0"',
+    "max |r|, t >= 0 s": "max |y|, t >= 1 s",
+    'from="0" limit="0.9"': 'from="1" limit="1.815"',
+}.items():
+    MASS = MASS.replace(found, replaced)
+RARE = ["--vary", "plant.x0[1]=-1..1", "--vary", "plant.x0[2]=normal(0,0.2)", "--rare"]
+
+
+def rate_of_mass(limit: float = 1.815) -> float:
+    """Part of the starts from which the position exceeds the limit, by integration over the first one."""
+    places = np.linspace(-1, 1, 20_001)
+    beyond = [NormalDist().cdf(-(limit - place) / 0.2) + NormalDist().cdf(-(limit + place) / 0.2) for place in places]
+    return float(np.trapezoid(beyond, places)) / 2
+
+
+@pytest.fixture
+def mass(tmp_path: Path) -> Path:
+    (folder := tmp_path / "mass").mkdir()
+    (folder / "SystemStructure.ssd").write_text(MASS)
+    return folder
+
+
+def repeated(mass: Path, out: Path, seeds: range) -> None:
+    """Checks number of runs, estimates and intervals of rare failures with these seeds."""
+    rate, near, covered = rate_of_mass(), 0, 0
+    assert 0.9e-6 < rate < 1.1e-6
+    for seed in seeds:
+        result = verify(out, mass, *RARE, "--seed", seed, "--tag", f"s{seed}")
+        assert result["runs"] <= 20_000 and result["verdict"] is None
+        near += 0.5 <= result["share"] / rate <= 2
+        covered += result["interval"][0] <= rate <= result["interval"][1]
+    least = len(seeds) - len(seeds) // 9
+    assert near >= min(45, least) and covered >= min(44, least), (near, covered)
+
+
+def test_a_rate_of_one_in_a_million_is_found(mass: Path, tmp_path: Path) -> None:
+    repeated(mass, tmp_path, range(1 + NUMBER % 50, 2 + NUMBER % 50))
+
+
+@pytest.mark.slow
+def test_rates_of_one_in_a_million_are_found_in_fifty_repetitions(mass: Path, tmp_path: Path) -> None:
+    repeated(mass, tmp_path, range(1, 51))
+
+
+def test_rare_failures_have_levels_failing_samples_and_a_page(mass: Path, tmp_path: Path) -> None:
+    options = [mass, *RARE, "--runs", 2000, "--at-most", 1e-4]
+    result = verify(tmp_path, *options)
+    levels = result["rare"]["levels"]
+    assert result["verdict"] == "passed" and re.match(r"Passed: about 1 in [\d,]+ runs fails; with 95 % ", result["sentence"]), (
+        result
+    )
+    assert [level["samples"] for level in levels] == 5 * [400] and levels[0]["within"] == 40 and result["runs"] == 1840
+    margins = [level["margin"] for level in levels]
+    assert margins == sorted(set(margins), reverse=True)
+    # The worst samples are far from what is usual, and their lines show it.
+    folder = Path(result["results"])
+    _, line = (folder / "worst" / "001.txt").read_text().strip().splitlines()
+    answer = subprocess.run(
+        [PROGRAM, *shlex.split(line)[1:], "--out", tmp_path, "--json"], capture_output=True, text=True, check=False
+    )
+    [metric] = json.loads(answer.stdout)["metrics"]
+    table = rows(result)
+    values = [float(row["max |y|, t >= 1 s"]) for row in table]
+    assert metric["value"] == max(values) > 1.6
+    for row, value in zip(table, values, strict=True):
+        assert abs(float(row["plant.x0[1]"]) + float(row["plant.x0[2]"])) == pytest.approx(value, abs=1e-9)
+    page = (folder / "index.html").read_text()
+    assert "Values in failing samples" in page and "Levels" in page and "First-order index" not in page
+    # The first level has the samples of a plain study, and the same command continues.
+    plain = verify(tmp_path / "plain", *options[:5], "--runs", 40)
+    assert [row["plant.x0[2]"] for row in rows(plain)] == [row["plant.x0[2]"] for row in table[:40]]
+    assert rows(verify(tmp_path, *options, "--jobs", 1)) == table
+    assert "belongs to another study" in fails("verify", *map(str, options[:-4]), "--out", str(tmp_path))
+
+
+def test_rare_failures_are_the_same_on_workers(mass: Path) -> None:
+    vary = {"plant.x0[1]": (-1, 1), "plant.x0[2]": "normal(0,0.2)"}
+    here = package.verify(mass, vary, rare=True, runs=2000)
+    with ThreadPoolExecutor(2) as pool:
+        there = package.verify(mass, vary, rare=True, runs=2000, executor=pool)
+    assert there.samples.equals(here.samples) and there.rate == here.rate and here.interval[0] < here.rate < here.interval[1]
+    assert list(here.levels["margin"])[-1] == 0 and len(here.plot().axes) == 2
+
+
+def test_rare_failures_need_runs_and_a_margin_that_varies(mass: Path, tmp_path: Path) -> None:
+    assert "--rare needs at least 640 runs" in fails("verify", str(mass), *RARE, "--runs", "500", "--out", str(tmp_path))
+    options = ["5", "--vary", "controller.rho_inf[1]=±10%", "--require", "funnel", "--until", "0.01", "--rare", "--runs", "640"]
+    error = fails("verify", *options, "--set", "controller.on_funnel_exit=reopen", "--out", str(tmp_path))
+    assert "100 % of the samples are equally far from their limits" in error and "leave --rare out" in error

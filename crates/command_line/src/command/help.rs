@@ -22,7 +22,7 @@ const SUMMARIES: [(&str, &str); 13] = [
     ("simulate", "input set event record until step interface tolerance compare out open"),
     ("compare", "out step until order case set event composite fmus open json"),
     ("sweep", "over out step until case set event composite force tag"),
-    ("verify", "vary vary-from require at-most confidence runs until case set out force"),
+    ("verify", "vary vary-from require at-most rare confidence runs until set out force"),
     ("tune", "parameter metric square particles generations seed until case set out resume"),
     ("league", "only quick study list out resume force tag page open json"),
     ("linearise", "at steady-state free want hold set states step json"),

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::output::Files;
+use adaptive_fmu::results::four_digits;
 use adaptive_fmu::tuning::typed_set;
 use adaptive_fmu::verification::Summary;
 
@@ -132,6 +133,11 @@ pub fn print(summary: &Summary, folder: &Path, json: bool) {
     for index in summary.indices().iter().take(MOST_LINES) {
         if let Some(of) = index.of_failing {
             say!("{} explains {:.0} % of the variance of failing", index.name, 100.0 * of);
+        }
+    }
+    for range in summary.failing_ranges().unwrap_or_default().iter().take(MOST_LINES) {
+        if let Some([low, _, high]) = range.values {
+            say!("{} is {} … {} in 90 % of the failing samples", range.name, four_digits(low), four_digits(high));
         }
     }
     say!("{}", summary.form());

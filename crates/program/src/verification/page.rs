@@ -49,16 +49,25 @@ impl Summary<'_> {
         page.push_str("<ul>\n");
         self.counts().iter().for_each(|count| _ = writeln!(page, "<li>{}</li>", escaped(count)));
         let _ = writeln!(page, "</ul>\n<p>{}</p>", self.form());
-        let runs = self.table();
-        let indices = self.indices_of(&runs);
-        push_indices(&mut page, &indices);
-        self.push_rates(&mut page, &runs, &indices);
-        self.push_pairs(&mut page, &runs, &indices);
-        self.push_metrics(&mut page, &runs);
+        match &self.ended.rare {
+            Some(found) => self.push_rare(&mut page, found),
+            None if self.plan.sizes().is_none() => self.push_influences(&mut page),
+            None => {}
+        }
         self.push_curves(&mut page);
         self.push_worst(&mut page);
         page.push_str(&still_ending());
         page
+    }
+
+    /// Influences on failures, and histograms of metrics.
+    fn push_influences(&self, page: &mut String) {
+        let runs = self.table();
+        let indices = self.indices_of(&runs);
+        push_indices(page, &indices);
+        self.push_rates(page, &runs, &indices);
+        self.push_pairs(page, &runs, &indices);
+        self.push_metrics(page, &runs);
     }
 
     /// The failing part of the runs over each quantity.

@@ -3,9 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::binomial::{lower, upper};
+use super::subset::{Found, Sizes};
 
 /// Number of runs of a study without an allowed rate of failure.
 const USUAL_RUNS: u64 = 10_000;
+/// The most runs of a subset simulation, and the rate that it reaches, unless the user asks for others.
+const USUAL_RARE_RUNS: u64 = 20_000;
+const USUAL_RATE: f64 = 1e-6;
 /// The most runs of a study.
 const MOST_RUNS: u64 = 100_000_000;
 /// Numbers of runs at which a study looks, in parts of 1/p.
@@ -30,6 +34,9 @@ pub struct Plan {
     confidence: f64,
     /// Numbers of runs at which it looks, ascending; the last one is the total.
     looks: Vec<u64>,
+    /// Sizes of a subset simulation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rare: Option<Sizes>,
 }
 
 impl Plan {
@@ -38,13 +45,7 @@ impl Plan {
     /// # Errors
     /// When a rate or a confidence isn't between 0 and 1, or runs are too many or none.
     pub fn new(at_most: Option<f64>, confidence: f64, runs: Option<u64>) -> Result<Self, String> {
-        let is_part = |value: f64| value > 0.0 && value < 1.0;
-        if let Some(rate) = at_most.filter(|rate| !is_part(*rate)) {
-            return Err(format!("--at-most {rate}: must be above 0 and below 1"));
-        }
-        if !is_part(confidence) {
-            return Err(format!("--confidence {confidence}: must be above 0 and below 1"));
-        }
+        check(at_most, confidence)?;
         let planned = at_most.map(|rate| LOOKS.map(|look| (look / rate).ceil()));
         if let Some([.., last]) = planned.filter(|looks| runs.is_none() && looks[3] > MOST_RUNS as f64) {
             let rate = at_most.unwrap_or_default();
@@ -58,7 +59,26 @@ impl Plan {
             return Err(format!("--runs {most}: must be within 1 … {MOST_RUNS}"));
         }
         let before = planned.into_iter().flatten().map(|look| look as u64).filter(|look| *look < most);
-        Ok(Plan { at_most, confidence, looks: before.chain([most]).collect() })
+        Ok(Plan { at_most, confidence, looks: before.chain([most]).collect(), rare: None })
+    }
+
+    /// A plan of a subset simulation.
+    ///
+    /// # Errors
+    /// See [`Plan::new`].
+    pub fn rare(at_most: Option<f64>, confidence: f64, runs: Option<u64>) -> Result<Self, String> {
+        check(at_most, confidence)?;
+        let most = runs.unwrap_or(USUAL_RARE_RUNS);
+        if most > MOST_RUNS {
+            return Err(format!("--runs {most}: must be at most {MOST_RUNS}"));
+        }
+        let sizes = Sizes::new(most, at_most.unwrap_or(USUAL_RATE))?;
+        Ok(Plan { at_most, confidence, looks: vec![sizes.runs()], rare: Some(sizes) })
+    }
+
+    /// Sizes of its subset simulation, if it is one.
+    pub(super) fn sizes(&self) -> Option<Sizes> {
+        self.rare
     }
 
     /// The allowed rate of failure; none if the study only estimates it.
@@ -106,9 +126,29 @@ impl Plan {
         [lower(failures, runs, error), upper(failures, runs, error)]
     }
 
+    /// The verdict on the result of a subset simulation.
+    pub(super) fn verdict_on(&self, found: &Found) -> Option<Verdict> {
+        let [low, high] = found.bounds(1.0 - self.confidence);
+        self.at_most.map(|rate| match () {
+            () if high < rate => Verdict::Passed,
+            () if low > rate => Verdict::Failed,
+            () => Verdict::Undecided,
+        })
+    }
+
     /// The probability of error of one bound at one look.
     fn error(&self) -> f64 {
         (1.0 - self.confidence) / if self.at_most.is_some() { LOOKS.len() as f64 } else { 1.0 }
+    }
+}
+
+/// Refuses rates and confidences that aren't between 0 and 1.
+fn check(at_most: Option<f64>, confidence: f64) -> Result<(), String> {
+    let is_part = |value: f64| value > 0.0 && value < 1.0;
+    match at_most.filter(|rate| !is_part(*rate)) {
+        Some(rate) => Err(format!("--at-most {rate}: must be above 0 and below 1")),
+        None if !is_part(confidence) => Err(format!("--confidence {confidence}: must be above 0 and below 1")),
+        None => Ok(()),
     }
 }
 

@@ -6,7 +6,6 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::random::Random;
 use crate::design::robustness::assumed::Assumed;
 use crate::design::robustness::bounds::Bounds;
 use crate::error::Error;
@@ -124,15 +123,13 @@ impl DrawnPlant {
         self.constants.iter().map(|(_, place, value)| (*place, *value))
     }
 
-    /// The values of a sample.
-    pub fn values(&self, random: Random) -> Vec<f64> {
+    /// The values of a sample from numbers between 0 and 1, one for each name.
+    pub fn values(&self, numbers: &[f64]) -> Vec<f64> {
         let normal = Normal::standard();
-        let mut numbers = self.names.iter().map(|name| random.uniform(name));
+        let parts: Vec<_> = numbers.iter().map(|number| 2.0 * number - 1.0).collect();
+        let mut numbers = numbers.iter().copied();
         let of_records = self.bounds.of_normal(false, || normal.inverse_cdf(numbers.next().unwrap_or(0.5)));
-        let place = of_records.unwrap_or_else(|| {
-            let parts: Vec<_> = self.names.iter().map(|name| 2.0 * random.uniform(name) - 1.0).collect();
-            self.bounds.place(&parts)
-        });
+        let place = of_records.unwrap_or_else(|| self.bounds.place(&parts));
         let (A, B) = (&self.A + self.bounds.A.component_mul(&place.A), &self.B + self.bounds.B.component_mul(&place.B));
         let value =
             |(entry, _): &(usize, Place)| entry.checked_sub(A.len()).map_or_else(|| A[*entry], |entry| B[entry]);

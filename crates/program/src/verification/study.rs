@@ -1,5 +1,7 @@
 //! A study: a loop, its varied quantities, its requirements, and its runs.
 
+use std::sync::{PoisonError, RwLock};
+
 use serde::{Deserialize, Serialize};
 
 use super::distribution::Vary;
@@ -8,6 +10,7 @@ use super::plan::{Plan, Verdict};
 use super::plant::{DrawnPlant, VaryFrom};
 use super::random::Random;
 use super::requirement::{Requirement, add_metrics, limits};
+use super::subset::{Drawn, Found};
 use super::varied::{Sample, Varied, listed, timed};
 use crate::error::{Error, Invalid};
 use crate::figures::labelled;
@@ -20,7 +23,7 @@ use crate::workers::{Workers, results};
 /// Number of values that are recorded before metrics process them.
 const BLOCK: usize = 1 << 14;
 /// Consecutive samples of a thread, and of a worker.
-const ROW: u64 = 32;
+pub(super) const ROW: u64 = 32;
 /// The most batches of all workers.
 const BATCHES: u64 = 32;
 /// The most samples that are tried for compiled equations.
@@ -44,12 +47,18 @@ pub struct Asked {
 }
 
 /// Samples for a worker.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Batch {
-    /// The first.
-    pub first: u64,
-    /// Their number.
-    pub count: u64,
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Batch {
+    /// Samples whose values follow from their numbers.
+    Plain {
+        /// The first.
+        first: u64,
+        /// Their number.
+        count: u64,
+    },
+    /// Samples of a subset simulation.
+    Drawn(Vec<Drawn>),
 }
 
 /// The end of a study.
@@ -61,6 +70,8 @@ pub struct Ended {
     pub verdict: Option<Verdict>,
     /// True if the user stopped it.
     pub interrupted: bool,
+    /// Result of a subset simulation.
+    pub rare: Option<Found>,
 }
 
 /// A study of a loop.
@@ -70,7 +81,9 @@ pub struct Study {
     settings: Settings,
     events: Vec<Event>,
     varied: Varied,
-    seed: u64,
+    pub(super) seed: u64,
+    /// Samples of a subset simulation.
+    pub(super) drawn: RwLock<Vec<Drawn>>,
     labels: Vec<String>,
     limits: Limits,
     /// One a thread: other tools' libraries may not allow two instances at work at a time.
@@ -109,7 +122,8 @@ impl Study {
         for _ in 0..further {
             loops.push(load(&structure)?);
         }
-        let study = Study { structure, settings, events, varied, seed: asked.seed, labels, limits, loops };
+        let (seed, drawn) = (asked.seed, RwLock::default());
+        let study = Study { structure, settings, events, varied, seed, drawn, labels, limits, loops };
         study.fold();
         Ok(study)
     }
@@ -118,7 +132,7 @@ impl Study {
     /// which these are.
     fn fold(&self) {
         let common = (0..MOST_REFUSED).find_map(|sample| {
-            let of = self.varied.sample(&self.values(sample), self.random(sample));
+            let of = self.varied.sample(&self.values(sample), self.noise(sample));
             self.loops[0].compile_common(&of.start, &of.changes, self.settings)
         });
         if let Some(common) = common {
@@ -169,7 +183,23 @@ impl Study {
 
     /// The values of a sample, in the order of the names.
     pub fn values(&self, sample: u64) -> Vec<f64> {
-        self.varied.values(self.random(sample))
+        let drawn = self.drawn.read().unwrap_or_else(PoisonError::into_inner);
+        match drawn.get(sample as usize) {
+            Some(drawn) => self.varied.values(&drawn.parts),
+            None => self.plain(sample),
+        }
+    }
+
+    /// The values of a sample that follow from its number.
+    fn plain(&self, sample: u64) -> Vec<f64> {
+        let random = self.random(sample);
+        self.varied.values(&self.varied.names().map(|name| random.uniform(name)).collect::<Vec<_>>())
+    }
+
+    /// Random numbers for the noise of a sample.
+    fn noise(&self, sample: u64) -> Random {
+        let drawn = self.drawn.read().unwrap_or_else(PoisonError::into_inner);
+        self.random(drawn.get(sample as usize).map_or(sample, |drawn| drawn.noise))
     }
 
     /// The values of a sample in words.
@@ -180,7 +210,7 @@ impl Study {
 
     /// Start values of a sample for a parameter set: name, type and text of each, seeds of noise included.
     pub fn start_values(&self, sample: u64) -> Vec<(String, &'static str, String)> {
-        let (random, values) = (self.random(sample), self.values(sample));
+        let (random, values) = (self.noise(sample), self.values(sample));
         let reals = self.varied.start_values(&values).chain(self.varied.constants());
         let reals = reals.map(|(name, value)| (name.to_owned(), "Real", value.to_string()));
         let seeds = self.varied.seeds(random).map(|(name, seed)| (name.to_owned(), "Integer", seed.to_string()));
@@ -189,7 +219,7 @@ impl Study {
 
     /// Seeds of noise of a sample.
     pub fn seeds(&self, sample: u64) -> Vec<i32> {
-        self.varied.seeds(self.random(sample)).map(|(_, seed)| seed).collect()
+        self.varied.seeds(self.noise(sample)).map(|(_, seed)| seed).collect()
     }
 
     /// The user's events, with the times of a sample, in the form of the option.
@@ -235,6 +265,9 @@ impl Study {
         mut done: impl FnMut(&[Outcome], &Tally) -> Result<(), Error>,
         is_interrupted: impl Fn() -> bool + Sync,
     ) -> Result<Ended, Error> {
+        if let Some(sizes) = plan.sizes() {
+            return self.run_rare((plan, sizes), outcomes, workers, done, is_interrupted);
+        }
         let mut tally = Tally::default();
         let mut counted = 0;
         loop {
@@ -246,29 +279,38 @@ impl Study {
                 self.check_refused(if is_end { counted as u64 } else { plan.runs() }, &tally, &outcomes[..counted])?;
                 if is_end {
                     outcomes.truncate(counted);
-                    return Ok(Ended { tally, verdict, interrupted: false });
+                    return Ok(Ended { tally, verdict, interrupted: false, rare: None });
                 }
             }
             done(outcomes, &tally)?;
             let wanted = plan.next_look(tally.runs).map_or(0, |look| look - tally.runs);
-            let (first, rows) =
-                (outcomes.len() as u64, if workers.is_some() { BATCHES } else { self.loops.len() as u64 });
-            let count = wanted.min(rows * ROW);
+            let (first, count) = (outcomes.len() as u64, wanted.min(self.at_a_time(workers)));
             let made = match workers {
-                Some(workers) => hand_out(workers, Batch { first, count }),
-                None => self.batch(Batch { first, count }, &is_interrupted),
+                Some(workers) => {
+                    let starts = (first..first + count).step_by(ROW as usize);
+                    hand_out(
+                        workers,
+                        starts.map(|from| Batch::Plain { first: from, count: ROW.min(first + count - from) }),
+                    )
+                }
+                None => self.batch(&Batch::Plain { first, count }, &is_interrupted),
             };
             let interrupted = (made.len() as u64) < count;
             outcomes.extend(made);
             if interrupted {
                 outcomes[counted..].iter().for_each(|outcome| tally.add(outcome, &self.limits));
-                return Ok(Ended { tally, verdict: None, interrupted });
+                return Ok(Ended { tally, verdict: None, interrupted, rare: None });
             }
         }
     }
 
+    /// Number of samples between two reports.
+    pub(super) fn at_a_time(&self, workers: Option<&dyn Workers>) -> u64 {
+        ROW * if workers.is_some() { BATCHES } else { self.loops.len() as u64 }
+    }
+
     /// Ends a study with refused samples if they are more than 1 % of its size, or at a count of those so far.
-    fn check_refused(&self, planned: u64, tally: &Tally, outcomes: &[Outcome]) -> Result<(), Error> {
+    pub(super) fn check_refused(&self, planned: u64, tally: &Tally, outcomes: &[Outcome]) -> Result<(), Error> {
         let samples = outcomes.len() as u64;
         let mut counts = std::iter::successors(Some(FIRST_COUNT), |count| count.checked_mul(10));
         let of = if counts.any(|count| count == samples) { samples } else { planned.max(samples) };
@@ -290,11 +332,18 @@ impl Study {
     }
 
     /// The outcomes of a batch on all threads; fewer if the user stops it.
-    pub fn batch(&self, batch: Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
-        let made = parallel::each(&self.loops, batch.count as usize, |loaded, k| {
-            let random = self.random(batch.first + k as u64);
-            let values = self.varied.values(random);
-            self.run_one(loaded, &self.varied.sample(&values, random), is_interrupted).map(|(outcome, _)| outcome)
+    pub fn batch(&self, batch: &Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
+        let count = match batch {
+            Batch::Plain { count, .. } => *count as usize,
+            Batch::Drawn(drawn) => drawn.len(),
+        };
+        let made = parallel::each(&self.loops, count, |loaded, k| {
+            let (values, noise) = match batch {
+                Batch::Plain { first, .. } => (self.plain(first + k as u64), first + k as u64),
+                Batch::Drawn(drawn) => (self.varied.values(&drawn[k].parts), drawn[k].noise),
+            };
+            let sample = self.varied.sample(&values, self.random(noise));
+            self.run_one(loaded, &sample, is_interrupted).map(|(outcome, _)| outcome)
         });
         made.into_iter().map_while(|outcome| outcome).collect()
     }
@@ -364,7 +413,7 @@ impl Study {
     /// When the sample is refused.
     pub fn recorded(&self, sample: Option<u64>) -> Result<Recording, Error> {
         let of = match sample {
-            Some(sample) => self.varied.sample(&self.values(sample), self.random(sample)),
+            Some(sample) => self.varied.sample(&self.values(sample), self.noise(sample)),
             None => self.varied.nominal(),
         };
         let closed = self.loops[0].instantiate_changing(&of.start, &of.changes)?;
@@ -372,10 +421,8 @@ impl Study {
     }
 }
 
-/// Outcomes of a batch by workers; fewer if the user stops it.
-fn hand_out(workers: &dyn Workers, batch: Batch) -> Vec<Outcome> {
-    let starts = (batch.first..batch.first + batch.count).step_by(ROW as usize);
-    let jobs = starts.map(|first| Batch { first, count: ROW.min(batch.first + batch.count - first) });
-    let made = results::<Vec<Outcome>>(workers, jobs, |_| ());
+/// Outcomes of batches by workers; fewer if the user stops it.
+pub(super) fn hand_out(workers: &dyn Workers, batches: impl IntoIterator<Item = Batch>) -> Vec<Outcome> {
+    let made = results::<Vec<Outcome>>(workers, batches, |_| ());
     made.into_iter().map_while(|outcomes| outcomes).flatten().collect()
 }

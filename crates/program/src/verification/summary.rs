@@ -8,6 +8,7 @@ use super::outcome::{Judged, Outcome};
 use super::plan::{Plan, Verdict};
 use super::sensitivity::{first_order, ranks};
 use super::study::{Ended, Study};
+use super::subset::Found;
 use crate::results::four_digits;
 use crate::text_file::csv_field;
 
@@ -58,6 +59,12 @@ pub(super) struct Runs {
 impl Summary<'_> {
     /// The verdict, in one sentence.
     pub fn verdict(&self) -> String {
+        if let Some(found) = &self.ended.rare {
+            return self.rare_verdict(found);
+        }
+        if self.plan.sizes().is_some() {
+            return format!("{} runs so far; the failure rate follows at the end.", thousands(self.ended.tally.runs));
+        }
         let (tally, percent) = (&self.ended.tally, percent(&self.interval()));
         let counted = format!("{} of {} runs fail", thousands(tally.failures), thousands(tally.runs));
         let share = if tally.failures == 0 { String::new() } else { format!(", {} %", share(tally.share())) };
@@ -75,16 +82,23 @@ impl Summary<'_> {
 
     /// The confidence interval of the failing part of runs.
     pub fn interval(&self) -> [f64; 2] {
+        if let Some(found) = &self.ended.rare {
+            return found.bounds(0.5 * (1.0 - self.plan.confidence()));
+        }
         self.plan.interval(self.ended.tally.failures, self.ended.tally.runs)
     }
 
     /// Counts of violated limits and of samples without a result, a sentence each.
     pub fn counts(&self) -> Vec<String> {
-        let (tally, mut counts) = (&self.ended.tally, Vec::new());
-        for (k, limit) in self.study.limits().of.iter().enumerate() {
+        let tally = &self.ended.tally;
+        let violated = |(k, limit)| {
             let violated = tally.violated.get(&k).copied().unwrap_or_default();
-            counts.push(format!("{limit}: violated in {} runs", thousands(violated)));
-        }
+            format!("{limit}: violated in {} runs", thousands(violated))
+        };
+        let mut counts: Vec<String> = match &self.ended.rare {
+            Some(found) => self.rare_counts(found),
+            None => self.study.limits().of.iter().enumerate().map(violated).collect(),
+        };
         if tally.not_ended > 0 {
             counts.push(format!("{} runs did not reach their end", thousands(tally.not_ended)));
         }
@@ -161,13 +175,14 @@ impl Summary<'_> {
 
     pub(super) fn indices_of(&self, runs: &Runs) -> Vec<Index> {
         let failing: Vec<f64> = runs.failed.iter().map(|failed| f64::from(u8::from(*failed))).collect();
-        let distance = ranks(&runs.excess);
+        // Samples of a subset simulation don't have the distributions.
+        let (distance, is_plain) = (ranks(&runs.excess), self.plan.sizes().is_none());
         let named = self.study.names().into_iter().zip(self.study.distributions()).zip(&runs.columns);
         let index = |((name, distribution), column): ((&str, String), &Vec<f64>)| Index {
             name: name.to_owned(),
             distribution,
-            of_failing: first_order(column, &failing),
-            of_distance: first_order(column, &distance),
+            of_failing: first_order(column, &failing).filter(|_| is_plain),
+            of_distance: first_order(column, &distance).filter(|_| is_plain),
         };
         let mut indices: Vec<_> = named.map(index).collect();
         let size = |index: &Index| index.of_failing.or(index.of_distance).unwrap_or_default();
@@ -223,14 +238,20 @@ impl Summary<'_> {
             "loop": self.study.structure().name,
             "ended": if self.ended.interrupted { "interrupted" } else { "complete" },
             "verdict": self.ended.verdict, "sentence": self.verdict(),
-            "runs": tally.runs, "failures": tally.failures, "share": tally.share(), "interval": self.interval(),
+            "runs": tally.runs, "failures": tally.failures, "share": self.rate(), "interval": self.interval(),
             "at_most": self.plan.at_most(), "confidence": self.plan.confidence(),
             "not_ended": tally.not_ended, "without_value": tally.without_value, "refused": tally.refused,
             "one_system": self.composite,
+            "rare": self.ended.rare.as_ref().map(|found| self.rare_json(found)),
             "requirements": self.study.limits().of.iter().enumerate().map(limit).collect::<Vec<_>>(),
             "varied": self.indices().into_iter().map(index).collect::<Vec<_>>(),
             "as_it_is": self.as_it_is.map(metrics),
         })
+    }
+
+    /// The estimated rate of failure.
+    fn rate(&self) -> f64 {
+        self.ended.rare.as_ref().map_or_else(|| self.ended.tally.share(), Found::rate)
     }
 
     /// Verdict on a sample.
@@ -253,12 +274,12 @@ pub(super) fn thousands(number: u64) -> String {
 }
 
 /// A number without needless digits.
-fn shown(value: f64) -> String {
+pub(super) fn shown(value: f64) -> String {
     crate::report::number((value * 1e9).round() / 1e9)
 }
 
 /// A part in per cent, with three digits.
-fn share(part: f64) -> String {
+pub(super) fn share(part: f64) -> String {
     three_digits(100.0 * part, 100.0 * part)
 }
 

@@ -115,10 +115,17 @@ impl Varied {
         singles.chain(self.plants.iter().flat_map(|plant| plant.names().map(|_| false)))
     }
 
-    /// The values of a sample, in the order of the names.
-    pub fn values(&self, random: Random) -> Vec<f64> {
-        let singles = self.singles.iter().map(|single| single.cut.quantile(random.uniform(&single.name)));
-        singles.chain(self.plants.iter().flat_map(|plant| plant.values(random))).collect()
+    /// The values of a sample at these places in the distributions, all in the order of the names.
+    pub fn values(&self, parts: &[f64]) -> Vec<f64> {
+        let (of_singles, mut rest) = parts.split_at(self.singles.len());
+        let mut values: Vec<f64> =
+            self.singles.iter().zip(of_singles).map(|(it, part)| it.cut.quantile(*part)).collect();
+        for plant in &self.plants {
+            let (own, further) = rest.split_at(plant.names().count());
+            values.extend(plant.values(own));
+            rest = further;
+        }
+        values
     }
 
     /// Seeds of noise of a sample, by their names.
