@@ -60,6 +60,9 @@ impl LoadedUnit {
 }
 
 impl LoadedLoop {
+    /// The fewest runs that pay for equations that are compiled for their common parameters.
+    pub const FEWEST_FOLDED: usize = 8;
+
     /// Loads the FMUs of a loop from a folder.
     ///
     /// # Errors
@@ -330,9 +333,18 @@ impl LoadedLoop {
         !self.units.iter().any(|unit| !unit.fmu.has_own_processes() && is_single(&unit.fmu))
     }
 
-    /// Compiles equations of a loop of one FMU for the parameters that runs with such start values and changes have in
-    /// common with the loop's own; none if that isn't possible.
-    pub fn compile_common(
+    /// Compiles the equations of loops of one FMU, which are loaded alike, for the parameters that runs with such start
+    /// values and changes have in common with the loop's own. Further instances use them. Returns true if that is
+    /// possible.
+    pub fn fold(loops: &[Self], further: &[(Place, Value)], changes: &[Change], settings: Settings) -> bool {
+        let common = loops.first().and_then(|first| first.compile_common(further, changes, settings));
+        if let Some(common) = &common {
+            loops.iter().flat_map(|loaded| &loaded.units).for_each(|unit| unit.fmu.share(common));
+        }
+        common.is_some()
+    }
+
+    fn compile_common(
         &self,
         further: &[(Place, Value)],
         changes: &[Change],
@@ -346,11 +358,6 @@ impl LoadedLoop {
         let further: Vec<_> = further.iter().cloned().chain(changed).collect();
         let (own, other) = (self.instantiate_with(&[]).ok()?, self.instantiate_with(&further).ok()?);
         own.compile_common(other, (start_time, stop_time))
-    }
-
-    /// Hands such equations to all further instances.
-    pub fn share(&self, common: &Common) {
-        self.units.iter().for_each(|unit| unit.fmu.share(common));
     }
 
     /// Instantiates and connects the components, with further start values of Real variables.

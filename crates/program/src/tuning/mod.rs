@@ -12,14 +12,19 @@ pub use record::{Question, Record, parameter_set, typed_set};
 pub use swarm::{Best, Generation, Motion, Swarm, is_better};
 
 use std::collections::HashSet;
+use std::sync::Once;
 
 use serde::{Deserialize, Serialize};
 
+use crate::fmu::Value;
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Settings, Structure, TunedParameter};
 use crate::system::NO_LIMIT;
 use crate::workers::{Workers, results};
 use crate::{near, parallel};
+
+/// Place within the bounds of the values that show what parameters vary.
+const INSIDE: f64 = 0.6180339887498949;
 
 /// A parameter of the search, with its bounds in its own unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,6 +49,8 @@ pub struct Search {
     loops: Vec<LoadedLoop>,
     /// The same with other parameters of the loop: the largest objective counts.
     others: Vec<Search>,
+    /// Done once its equations are compiled for all parameters but the tuned ones.
+    folded: Once,
 }
 
 /// A run of the loop.
@@ -110,7 +117,16 @@ impl Search {
         let (ranges, places) = found.into_iter().unzip();
         first.instantiate(&[]).map_err(|error| error.to_string())?;
         objective.check(&structure, first.signals(), settings)?;
-        Ok(Search { structure, settings, objective, ranges, places, loops, others: Vec::new() })
+        let (others, folded) = (Vec::new(), Once::new());
+        Ok(Search { structure, settings, objective, ranges, places, loops, others, folded })
+    }
+
+    /// Compiles the equations for all parameters but the tuned ones.
+    fn fold(&self) {
+        let value =
+            |(place, range): (&Place, &Range)| (*place, Value::Real(range.low + INSIDE * (range.high - range.low)));
+        let further: Vec<_> = self.places.iter().zip(&self.ranges).map(value).collect();
+        LoadedLoop::fold(&self.loops, &further, &[], self.settings);
     }
 
     /// Minimises the largest objective of this search and of others, which vary the same parameters in other loops.
@@ -184,6 +200,9 @@ impl Search {
         is_interrupted: &(impl Fn() -> bool + Sync),
     ) -> Vec<Outcome> {
         assert_eq!(bounds.len(), positions.len());
+        if positions.len() >= LoadedLoop::FEWEST_FOLDED {
+            self.folded.call_once(|| self.fold());
+        }
         parallel::each(&self.loops, positions.len(), |loaded, k| {
             if is_interrupted() {
                 return Outcome::Interrupted;

@@ -131,13 +131,10 @@ impl Study {
     /// Compiles the equations for all parameters but the varied ones: those of the first sample that isn't refused show
     /// which these are.
     fn fold(&self) {
-        let common = (0..MOST_REFUSED).find_map(|sample| {
-            let of = self.varied.sample(&self.values(sample), self.noise(sample));
-            self.loops[0].compile_common(&of.start, &of.changes, self.settings)
+        let _ = (0..MOST_REFUSED).find(|sample| {
+            let of = self.varied.sample(&self.values(*sample), self.noise(*sample));
+            LoadedLoop::fold(&self.loops, &of.start, &of.changes, self.settings)
         });
-        if let Some(common) = common {
-            self.loops.iter().for_each(|loaded| loaded.share(&common));
-        }
     }
 
     /// The loop.

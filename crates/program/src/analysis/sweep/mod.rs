@@ -164,6 +164,9 @@ impl Sweep {
         is_interrupted: impl Fn() -> bool + Sync,
     ) -> Vec<Option<Point>> {
         let missing: Vec<usize> = (0..self.runs()).filter(|&run| known.get(run).is_none_or(Option::is_none)).collect();
+        if missing.len() >= LoadedLoop::FEWEST_FOLDED {
+            self.fold();
+        }
         let made = parallel::each(&self.loops, missing.len(), |loaded, k| {
             let point = self.run_one(loaded, missing[k], &is_interrupted)?;
             done(missing[k], &point);
@@ -173,6 +176,16 @@ impl Sweep {
         points.resize(self.runs(), None);
         missing.into_iter().zip(made).for_each(|(run, point)| points[run] = point);
         points
+    }
+
+    /// Compiles the equations for all parameters but those of the axes.
+    fn fold(&self) {
+        let other = |(place, values): (&Place, &Vec<Value>)| {
+            let present = self.loops.first()?.value_of(*place);
+            values.iter().find(|value| Some(*value) != present.as_ref()).map(|value| (*place, value.clone()))
+        };
+        let further: Vec<_> = self.places.iter().zip(&self.values).filter_map(other).collect();
+        LoadedLoop::fold(&self.loops, &further, &[], self.settings);
     }
 
     fn run_one(&self, loaded: &LoadedLoop, run: usize, is_interrupted: &dyn Fn() -> bool) -> Option<Point> {
