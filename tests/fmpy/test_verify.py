@@ -386,3 +386,14 @@ def test_rare_failures_need_runs_and_a_margin_that_varies(mass: Path, tmp_path: 
     options = ["5", "--vary", "controller.rho_inf[1]=±10%", "--require", "funnel", "--until", "0.01", "--rare", "--runs", "640"]
     error = fails("verify", *options, "--set", "controller.on_funnel_exit=reopen", "--out", str(tmp_path))
     assert "100 % of the samples are equally far from their limits" in error and "leave --rare out" in error
+
+
+@pytest.mark.slow
+def test_a_rate_of_one_in_a_thousand_is_that_of_plain_runs(tmp_path: Path) -> None:
+    options = [LOOP, "--vary", "plant.omega=±30%", "--vary", "plant.x0[1]=normal(0,0.1)", "--until", 1, "--step", 0.01]
+    options += ["--require", "max |u| <= 1.45"]
+    plain = verify(tmp_path / "plain", *options, "--runs", 40_000)
+    rare = verify(tmp_path / "rare", *options, "--rare", "--runs", 10_000)
+    assert 20 <= plain["failures"] <= 80 and len(rare["rare"]["levels"]) == 3, (plain["failures"], rare["rare"])
+    (low, high), (least, most) = plain["interval"], rare["interval"]
+    assert least <= high and low <= most and 0.5 < rare["share"] / plain["share"] < 2, (plain["interval"], rare["interval"])
