@@ -49,8 +49,8 @@ class Verified:
         self.runs: int = answer["runs"]
         #: Number of runs that failed.
         self.failures: int = answer["failures"]
-        #: The failure rate: of the runs, or estimated with `rare`.
-        self.rate: float = answer["share"]
+        #: The failure rate: of the runs, or estimated with `rare`; None if the user interrupted the latter.
+        self.rate: float | None = answer["share"]
         #: Levels of a subset simulation (`rare`), one row each: margin, samples, within, accepted; None without.
         self.levels: pd.DataFrame | None = pd.DataFrame(answer["rare"]["levels"]) if answer["rare"] else None
         #: Interval of the failure rate with the confidence that was asked for.

@@ -48,7 +48,11 @@ impl Study {
         };
         let (end, drawn) = Subset::new(sizes, self.seed, &names, &mut ask).simulate()?;
         match end {
-            End::Interrupted => Ok(Ended { tally, verdict: None, interrupted: true, rare: None }),
+            End::Interrupted => {
+                let mut tally = Tally::default();
+                outcomes.iter().for_each(|outcome| tally.add(outcome, self.limits()));
+                Ok(Ended { tally, verdict: None, interrupted: true, rare: None })
+            }
             End::Alike(share) => Err(self.alike(share)),
             End::Found(found) => {
                 outcomes.truncate(drawn.len());

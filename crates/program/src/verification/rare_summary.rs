@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::outcome::Outcome;
 use super::plan::Verdict;
 use super::subset::{Found, Level};
-use super::summary::{Summary, share, shown, thousands};
+use super::summary::{Summary, rate, share, shown, thousands};
 use crate::drawing::escaped;
 use crate::report::number;
 use crate::results::four_digits;
@@ -34,10 +34,10 @@ impl Summary<'_> {
         let confidence = format!("with {} % confidence", shown(100.0 * self.plan.confidence()));
         let about = match found.rate() {
             0.0 => "no run fails".to_owned(),
-            rate if rate < SMALL => format!("about {} runs fails", one_in(rate)),
-            rate => format!("about {} % of the runs fail", share(rate)),
+            small if small < SMALL => format!("about {} runs fails", one_in(small)),
+            large => format!("about {} of the runs fail", one_in(large)),
         };
-        let ([low, high], allowed) = (self.interval(), self.plan.at_most().map(one_in).unwrap_or_default());
+        let ([low, high], allowed) = (self.interval(), self.plan.at_most().map(rate).unwrap_or_default());
         let between = match low {
             0.0 => format!("fewer than {} do", one_in(high)),
             low => format!("between {} and {} do", one_in(low), one_in(high)),
@@ -54,7 +54,7 @@ impl Summary<'_> {
     pub(super) fn rare_counts(&self, found: &Found) -> Vec<String> {
         let (levels, runs) = (found.levels.len(), thousands(self.ended.tally.runs));
         let plural = if levels == 1 { "level" } else { "levels" };
-        let deviation = if found.failing.is_empty() {
+        let deviation = if found.failing.is_empty() || levels == 1 {
             String::new()
         } else {
             format!("; relative standard deviation of the rate {:.0} %", 100.0 * found.deviation)
@@ -131,8 +131,11 @@ impl Summary<'_> {
     }
 }
 
-/// A rate as one in so many, with three digits.
+/// A rate as one in so many, with three digits; in per cent if it isn't small.
 fn one_in(rate: f64) -> String {
+    if rate >= SMALL {
+        return format!("{} %", share(rate));
+    }
     let inverse = 1.0 / rate;
     let unit = 10.0_f64.powf(inverse.log10().floor() - 2.0).max(1.0);
     format!("1 in {}", thousands((unit * (inverse / unit).round()) as u64))
@@ -144,6 +147,6 @@ mod tests {
 
     #[test]
     fn rates_are_one_in_a_round_number() {
-        assert_eq!([1.0145e-6, 0.01, 0.3].map(one_in), ["1 in 986,000", "1 in 100", "1 in 3"]);
+        assert_eq!([1.0145e-6, 0.01, 0.3].map(one_in), ["1 in 986,000", "1 in 100", "30.0 %"]);
     }
 }

@@ -8,7 +8,6 @@ use super::outcome::{Judged, Outcome};
 use super::plan::{Plan, Verdict};
 use super::sensitivity::{first_order, ranks};
 use super::study::{Ended, Study};
-use super::subset::Found;
 use crate::results::four_digits;
 use crate::text_file::csv_field;
 
@@ -84,6 +83,9 @@ impl Summary<'_> {
     pub fn interval(&self) -> [f64; 2] {
         if let Some(found) = &self.ended.rare {
             return found.bounds(0.5 * (1.0 - self.plan.confidence()));
+        }
+        if self.plan.sizes().is_some() {
+            return [0.0, 1.0];
         }
         self.plan.interval(self.ended.tally.failures, self.ended.tally.runs)
     }
@@ -238,7 +240,7 @@ impl Summary<'_> {
             "loop": self.study.structure().name,
             "ended": if self.ended.interrupted { "interrupted" } else { "complete" },
             "verdict": self.ended.verdict, "sentence": self.verdict(),
-            "runs": tally.runs, "failures": tally.failures, "share": self.rate(), "interval": self.interval(),
+            "runs": tally.runs, "failures": tally.failures, "share": self.share(), "interval": self.interval(),
             "at_most": self.plan.at_most(), "confidence": self.plan.confidence(),
             "not_ended": tally.not_ended, "without_value": tally.without_value, "refused": tally.refused,
             "one_system": self.composite,
@@ -249,9 +251,12 @@ impl Summary<'_> {
         })
     }
 
-    /// The estimated rate of failure.
-    fn rate(&self) -> f64 {
-        self.ended.rare.as_ref().map_or_else(|| self.ended.tally.share(), Found::rate)
+    /// The estimated rate of failure; none after an interruption of a subset simulation.
+    fn share(&self) -> Option<f64> {
+        match &self.ended.rare {
+            Some(found) => Some(found.rate()),
+            None => Some(self.ended.tally.share()).filter(|_| self.plan.sizes().is_none()),
+        }
     }
 
     /// Verdict on a sample.
@@ -284,7 +289,7 @@ pub(super) fn share(part: f64) -> String {
 }
 
 /// A rate: one in so many, if that is a whole number.
-fn rate(rate: f64) -> String {
+pub(super) fn rate(rate: f64) -> String {
     let inverse = 1.0 / rate;
     if inverse >= 2.0 && (inverse - inverse.round()).abs() < 1e-6 * inverse {
         format!("1 in {}", thousands(inverse.round() as u64))
