@@ -97,7 +97,7 @@ impl DesignLoop {
     /// Standard deviation of each control at rest, with a standard deviation of the noise of all measured signals.
     ///
     /// # Errors
-    /// As [`DesignLoop::trial`], and when a component fails.
+    /// When the loop can't be closed by the names of its signals, or a component fails.
     pub fn noise(&self, deviation: f64, units: &Ready) -> Result<Vec<f64>, Error> {
         let noise = [Noise { signal: None, deviation }];
         let written = (&self.written(self.step)?, self.step);
@@ -109,7 +109,7 @@ impl DesignLoop {
     /// structure and its text.
     ///
     /// # Errors
-    /// As [`DesignLoop::trial`].
+    /// When the loop can't be closed by the names of its signals.
     pub fn structure(
         &self,
         name: &str,

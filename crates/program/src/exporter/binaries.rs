@@ -239,8 +239,10 @@ impl Binaries {
 
 /// A library as an archive of one entry. Compressing takes most of the time of an export, so the result is cached.
 fn packed(Binary { file, held, .. }: &Binary) -> Result<Vec<u8>, Error> {
-    let bytes = held.as_ref().map_or_else(|| std::fs::read(file).map(Cow::Owned), |held| Ok(Cow::Borrowed(held)));
-    let bytes: Cow<Vec<u8>> = bytes.map_err(Error::file(file))?;
+    let bytes: Cow<[u8]> = match held {
+        Some(held) => held.into(),
+        None => std::fs::read(file).map_err(Error::file(file))?.into(),
+    };
     let kept = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);
     if let Some(archive) = kept.as_ref().and_then(cache::Entry::read) {
         return Ok(archive);

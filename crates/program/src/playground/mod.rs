@@ -34,7 +34,7 @@ pub enum Question {
     Identify(records::Wanted),
 }
 
-/// The answer to a question, as the page reads it; `library` gives the libraries of FMUs, `tell` shows progress.
+/// The answer to a question, as the page reads it; `library` gives the libraries of FMUs, the last function receives progress.
 ///
 /// # Errors
 /// Why there is none: a plant or a value that is refused, a plant that has no such controller.
