@@ -172,6 +172,18 @@ def test_an_fmu_is_byte_for_byte_that_of_export(asker: Asker, shared_library: Pa
             assert different == {f"extra/org.fmi-standard.fmi-ls-ref/{name}" for name in ("references.csv",)}, different
 
 
+def test_libraries_of_a_refused_file_are_not_in_the_next(asker: Asker, shared_library: Path) -> None:
+    wanted = {"plant": MOTOR, "kind": "l1", "name": "Own", "bandwidth": 20.0, "uncertainty": None}
+    refused = asker.ask({"file": {"what": "fmu"} | wanted | {"values": {"adaptation_gain": -1.0}}}, [shared_library])
+    assert "adaptation_gain" in refused["error"]
+    assert "choose a platform" in asker.ask({"file": {"what": "fmu"} | wanted})["error"]
+    assert zipfile.ZipFile(io.BytesIO(asker.file("fmu", MOTOR, "l1", libraries=[shared_library], bandwidth=20.0))).testzip() is None
+
+
+def test_a_question_that_is_wrong_gets_the_reason(asker: Asker) -> None:
+    assert "missing field `kind`" in asker.ask({"design": {"plant": MOTOR, "name": "Own"}})["error"]
+
+
 def test_a_loop_runs_as_it_is(asker: Asker, shared_library: Path, tmp_path: Path) -> None:
     packed = asker.file("loop", MOTOR, "l1", libraries=[shared_library], bandwidth=20.0, reference=[100.0])
     (tmp_path / "Own_loop.ssp").write_bytes(packed)

@@ -1,6 +1,7 @@
 """The page from a plant to an FMU, as a user works with it, in a browser and from a folder: what is downloaded does in other tools what
 the page shows."""
 
+import base64
 import functools
 import http.server
 import json
@@ -175,6 +176,19 @@ def test_a_plant_without_such_a_controller_shows_the_reason(page: Callable[..., 
     shown.check("[name=kind][value=l1]", force=True)
     settled(shown)
     assert shown.is_hidden("#refused") and "settles in" in shown.inner_text("#words")
+
+
+def test_a_link_with_a_kind_alone_opens_its_design(page: Callable[..., Any]) -> None:
+    """As the site has them on the pages of the kinds."""
+    fragment = base64.urlsafe_b64encode(b'{"kind":"l1"}').decode().rstrip("=")
+    shown = page(fragment=f"#j{fragment}")
+    assert shown.is_hidden("#refused") and shown.is_checked("[name=kind][value=l1]") and "settles in" in shown.inner_text("#words")
+
+
+def test_reasons_have_the_names_of_the_page(page: Callable[..., Any]) -> None:
+    shown = page()
+    setting(shown, "Bandwidth", 1e9)
+    assert shown.is_visible("#refused") and "--" not in shown.inner_text("#refused")
 
 
 def test_a_server_gives_the_same_page(page: Callable[..., Any], folder: Path) -> None:

@@ -65,7 +65,7 @@ enum Command {
     League(command::league::Arguments),
     /// Show a closed loop in the browser, with sliders for its parameters and plots that update immediately
     Explore(command::explore::Arguments),
-    /// Write a page that makes controllers and FMUs from plants in a browser, without a server
+    /// Write a page that designs controllers and generates FMUs in a browser, without a server
     Playground(command::playground::Arguments),
     /// Verify a closed loop by random samples: how many runs fail, with a confidence, and which
     Verify(Box<command::verify::Arguments>),

@@ -1,5 +1,6 @@
 //! This library in a page, as WebAssembly: it answers the questions of pages that have no server.
 
+use std::cell::Cell;
 use std::sync::{Mutex, PoisonError};
 
 use serde::Deserialize;
@@ -14,18 +15,10 @@ use crate::playground;
 
 /// The loop of the page.
 static SESSION: Mutex<Option<Session>> = Mutex::new(None);
-/// The units of the page, which it takes again and again.
+/// FMUs of the page, which are the same in many questions.
 static READY: Mutex<Option<Ready>> = Mutex::new(None);
 /// Libraries for FMUs: the bytes of each.
 static LIBRARIES: Mutex<Vec<Vec<u8>>> = Mutex::new(Vec::new());
-
-/// Request of a page.
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Asked {
-    Explore(OfLoop),
-    Playground(playground::Question),
-}
 
 /// Request of a page of `explore`.
 #[derive(Debug, Deserialize)]
@@ -69,7 +62,9 @@ extern "C" fn page_place(length: usize) -> *mut u8 {
 unsafe extern "C" fn page_answer(place: *mut u8, length: usize) {
     // SAFETY: the caller of this function guarantees it.
     let question = unsafe { Box::from_raw(std::ptr::slice_from_raw_parts_mut(place, length)) };
-    let answered = serde_json::from_slice(&question).map_err(|error| error.to_string()).and_then(answer);
+    // Whatever becomes of the question, the next one has its own.
+    let libraries = std::mem::take(&mut *LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner));
+    let answered = answer(&question, libraries);
     tell(&answered.unwrap_or_else(|reason| json!({ "error": reason })));
 }
 
@@ -84,25 +79,25 @@ unsafe extern "C" fn page_library(place: *mut u8, length: usize) {
     LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner).push(bytes.into_vec());
 }
 
-/// This library with those that the page has given, once.
-fn given() -> Result<Library, Error> {
-    Library::holding(std::mem::take(&mut *LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner)))
-}
-
-fn answer(asked: Asked) -> Result<Value, String> {
-    match asked {
-        Asked::Explore(asked) => of_loop(asked),
-        Asked::Playground(question) => of_design(&question).map_err(|error| error.to_string()),
+fn answer(question: &[u8], libraries: Vec<Vec<u8>>) -> Result<Value, String> {
+    let wrong = |error: serde_json::Error| error.to_string();
+    let question: Value = serde_json::from_slice(question).map_err(wrong)?;
+    if ["loop", "run", "set"].iter().any(|key| question.get(key).is_some()) {
+        return of_loop(serde_json::from_value(question).map_err(wrong)?);
     }
+    let question = serde_json::from_value(question).map_err(wrong)?;
+    of_design(&question, libraries).map_err(|error| error.to_string())
 }
 
-fn of_design(question: &playground::Question) -> Result<Value, Error> {
+/// Answers a question of the page from a plant to an FMU; FMUs contain the libraries.
+fn of_design(question: &playground::Question, libraries: Vec<Vec<u8>>) -> Result<Value, Error> {
     let mut ready = READY.lock().unwrap_or_else(PoisonError::into_inner);
     let ready = match ready.take() {
         Some(known) => ready.insert(known),
         None => ready.insert(Ready::new()?),
     };
-    playground::answer(question, ready, &given, &mut |line| tell(&line))
+    let libraries = Cell::new(libraries);
+    playground::answer(question, ready, &|| Library::holding(libraries.take()), &mut |line| tell(&line))
 }
 
 fn of_loop(asked: OfLoop) -> Result<Value, String> {

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
+use crate::explore::is_browser_library;
 use crate::exporter::{self, BROWSER, BROWSER_FILE, Binary, LIBRARIES, Library, browser_library};
 use crate::texts::START;
 
@@ -80,10 +81,12 @@ fn material(source: &Path) -> Result<Files, Error> {
     Ok(files)
 }
 
-/// The library for the page in a browser, if it was built: its place among the libraries, and its bytes.
+/// The library for the page in a browser, if it was built of the same sources: its place among the libraries, and its
+/// bytes.
 fn browser() -> Result<Option<(String, Vec<u8>)>, Error> {
-    let read = |file: PathBuf| Ok((format!("{BROWSER}/{BROWSER_FILE}"), read(&file)?));
-    browser_library().map(read).transpose()
+    let Some(file) = browser_library() else { return Ok(None) };
+    let bytes = read(&file)?;
+    Ok(is_browser_library(&bytes).then(|| (format!("{BROWSER}/{BROWSER_FILE}"), bytes)))
 }
 
 fn entries(files: &[(String, Vec<u8>)]) -> Vec<(&str, &[u8])> {

@@ -2,7 +2,7 @@
 // doesn't wait for it.
 'use strict';
 
-// A worker, from within. It is told the module and then questions, and answers each by lines.
+// A worker, from within. It receives the module and then questions, and answers each by lines.
 const answering = () => {
   const page = {
     now: () => performance.now(),

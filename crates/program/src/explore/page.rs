@@ -80,6 +80,11 @@ pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<Pat
     Ok(page)
 }
 
+/// True for this library as WebAssembly, built of the same sources as this program.
+pub fn is_browser_library(bytes: &[u8]) -> bool {
+    check(bytes).is_ok()
+}
+
 /// Refuses any file but this library as WebAssembly.
 fn check(bytes: &[u8]) -> Result<(), String> {
     const ADVICE: &str = "`packaging/browser` in the source folder builds it";

@@ -239,6 +239,11 @@ impl Fmu {
         }
     }
 
+    /// True if its equations are compiled: the library is of this program, in this process.
+    pub(crate) fn is_compiled(&self) -> bool {
+        self.here().is_some()
+    }
+
     /// Hands compiled equations for common parameters to all further instances for co-simulation.
     pub fn share(&self, common: &Common) {
         if let Some((_, kernel)) = self.here() {

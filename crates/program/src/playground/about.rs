@@ -5,13 +5,19 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::controllers::l1::L1;
+use crate::controllers::l1_sampled::L1Sampled;
+use crate::controllers::ladrc::Ladrc;
+use crate::controllers::pid::Pid;
 use crate::error::{Error, Invalid};
 use crate::library::{self, PACKAGE};
+use crate::system::System;
 use crate::template::USUAL_UNCERTAINTY;
 use crate::texts::zoo;
 
 /// The kinds that the page designs, in its order.
-pub const KINDS: [&str; 4] = ["pid", "ladrc", "l1", "l1-sampled"];
+const KINDS: [&str; 4] =
+    [<Pid as System>::NAME, <Ladrc as System>::NAME, <L1 as System>::NAME, <L1Sampled as System>::NAME];
 
 /// A plant of this package.
 #[derive(Debug, Deserialize)]

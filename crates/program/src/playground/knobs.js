@@ -113,7 +113,7 @@ class Settings {
   }
 
   build(about) {
-    const channels = JSON.stringify([about.inputs, about.outputs, about.inputUnits, about.outputUnits]);
+    const channels = JSON.stringify([about.inputs, about.outputs, about.inputUnits, about.outputUnits, about.isRecorded]);
     if (channels === this.channels) return;
     this.channels = channels;
     this.knobs.clear();
@@ -124,7 +124,8 @@ class Settings {
     };
     const knob = (id, given, key = id) => add(new Knob({id, ...given}, value => this.onChange(key, value)), id);
     knob('bandwidth', {label: 'Bandwidth', unit: 'rad/s', scale: 'logarithmic', least: 1e-12, description: 'requested speed of the loop'});
-    knob('uncertainty', {label: 'Uncertainty', unit: '%', shown: 100, least: 0, most: 1, description: 'of each entry of A and B'});
+    const recorded = about.isRecorded ? '; until you change it, that of the record' : '';
+    knob('uncertainty', {label: 'Uncertainty', unit: '%', shown: 100, least: 0, most: 1, description: `of each entry of A and B${recorded}`});
     about.outputs.forEach((name, k) => {
       const label = about.outputs.length > 1 ? `Reference of ${name}` : 'Reference';
       const given = {id: `reference-${k}`, label, unit: about.outputUnits[k] ?? '', scale: 'logarithmic', least: 1e-12, description: 'size of its step'};

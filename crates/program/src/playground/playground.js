@@ -1,5 +1,5 @@
 // The page "From a plant to an FMU": each change of the design asks the program in this page anew, first quickly for the nominal
-// plant, then, after a pause, for everything. `backend` (browser.js) answers.
+// plant, then, after a pause, for everything. `backend` (backend.js) answers.
 'use strict';
 // The full report is asked for so long after the last change, in ms.
 const PAUSE = 400;
@@ -16,7 +16,7 @@ let forms = null, kinds = null, settings = null, parameters = null, files = null
 const plots = new Plots($('pictures')), report = new Report();
 
 // What the program has answered of the present plant.
-let known = {bandwidth: null, uncertainty: null, peaks: null};
+let known = {bandwidth: null, peaks: null};
 // The last answer, the last one that had everything, and what pale curves are of.
 let last = null, settledAnswer = null, ghost = null;
 // The last design that was refused.
@@ -44,17 +44,20 @@ const example = () => design.form === 'example' ? examples.find(({name}) => name
 
 const defaults = () => ({
   bandwidth: example()?.bandwidth ?? known.bandwidth,
-  uncertainty: example()?.uncertainty ?? known.uncertainty ?? USUAL.uncertainty,
+  uncertainty: example()?.uncertainty ?? USUAL.uncertainty,
   reference: example()?.reference ?? USUAL.reference,
   noise: 0, delay: plant?.whole.delay ?? 0, peaks: known.peaks ?? [],
 });
+
+const sizes = () => design.reference ?? defaults().reference;
 
 // The fields of a question about a kind of controller.
 const asked = (kind = design.kind) => ({
   plant: plant.text, kind, name: design.name,
   bandwidth: design.bandwidth ?? example()?.bandwidth ?? null,
   uncertainty: design.uncertainty ?? example()?.uncertainty ?? null,
-  reference: design.reference ?? defaults().reference,
+  // One for each output, also where the plant had others before.
+  reference: plant.about.outputs.map((_, k) => sizes()[Math.min(k, sizes().length - 1)]),
   noise: design.noise || null,
   values: design.values[kind] ?? {},
 });
@@ -76,7 +79,7 @@ const answer = async (slot, isQuick) => {
     const question = {design: {...asked(), quick: isQuick}};
     const given = await (isQuick ? quick : slow).ask(slot, question, isQuick ? 'Designing the controller' : 'Simulating uncertain plants');
     // A late answer of another plant or kind shows nothing that is still wanted.
-    if (of.kind !== design.kind || wrong) return;
+    if (of.kind !== design.kind || wrong || question.design.plant !== plant.text) return;
     if (given.error && isQuick) {
       // The full report would be refused, too.
       refusedDesign = of;
@@ -120,8 +123,7 @@ const settled = () => {
 // ---- answers
 
 const show = (given, isQuick, question) => {
-  if (question.bandwidth === null || given.default_bandwidth) known.bandwidth = given.default_bandwidth ?? given.bandwidth;
-  if (given.uncertainty !== undefined && question.uncertainty === null) known.uncertainty = given.uncertainty;
+  if (question.bandwidth === null) known.bandwidth = given.bandwidth;
   known.peaks ??= peaks(given);
   last = given;
   if (!isQuick) settledAnswer = given;
@@ -208,7 +210,7 @@ const become = next => {
     wrong = error.fields;
   }
   if (isOther) {
-    known = {bandwidth: null, uncertainty: null, peaks: null};
+    known = {bandwidth: null, peaks: null};
     kinds.forget();
   }
   // Where the default isn't known yet, a slider must not run away from itself.
@@ -244,7 +246,7 @@ const showSettings = () => {
 };
 
 // Limits of the plant itself, which the settings may replace.
-const plantAbout = () => ({...plant.about, limits: plant.whole.limits});
+const plantAbout = () => ({...plant.about, limits: plant.whole.limits, isRecorded: 'covariance' in plant.model});
 
 const onSetting = (key, value, k) => {
   if (key === 'reference') {
@@ -276,11 +278,18 @@ const toLink = async () => {
   return location.href;
 };
 
+// A link may leave the plant to the page.
+const withExample = given => {
+  if (given.form !== 'example' || given.source.example) return given;
+  const first = examples.find(({name}) => name === 'dc_motor') ?? examples[0];
+  return {...given, source: {...given.source, example: first?.name ?? ''}};
+};
+
 const fromLink = async () => {
   try {
     const given = await fromHash(location.hash);
     if (given && !kinds.cards.has(given.kind)) given.kind = START.kind;
-    return given;
+    return given && withExample(given);
   } catch {
     $('linked').textContent = 'The link is damaged, so the page starts with an example.';
     return null;
@@ -335,8 +344,7 @@ const begin = async () => {
   parameters = new Parameters($('parameters'), onParameter);
   files = new Files(slow, asked, () => plant?.text ?? '');
   listen();
-  const first = (examples.find(({name}) => name === 'dc_motor') ?? examples[0])?.name ?? '';
-  become(await fromLink() ?? {...START, source: {...SOURCE, example: first}});
+  become(await fromLink() ?? withExample(START));
 };
 
 begin().catch(error => {

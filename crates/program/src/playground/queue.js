@@ -1,4 +1,4 @@
-// Questions to the program in this page, one at a time. Of each slot only the newest question waits; slots that come first are
+// Questions to the program in this page, one at a time. Only the newest question of each slot waits; slots that come first are
 // asked first. What takes longer than a moment shows its progress and can be cancelled.
 'use strict';
 // Order of the slots. `quick` follows a slider; what is below it is ended when a slider moves.

@@ -334,14 +334,20 @@ impl LoadedLoop {
     }
 
     /// Compiles the equations of loops of one FMU, which are loaded alike, for the parameters that runs with such start
-    /// values and changes have in common with the loop's own. Further instances use them. Returns true if that is
-    /// possible.
+    /// values and changes have in common with the loop's own. Further instances use them. Returns false if a component
+    /// refuses these values.
     pub fn fold(loops: &[Self], further: &[(Place, Value)], changes: &[Change], settings: Settings) -> bool {
-        let common = loops.first().and_then(|first| first.compile_common(further, changes, settings));
+        let Some(first) = loops.first().filter(|first| first.can_be_folded()) else { return true };
+        let Ok(common) = first.compile_common(further, changes, settings) else { return false };
         if let Some(common) = &common {
             loops.iter().flat_map(|loaded| &loaded.units).for_each(|unit| unit.fmu.share(common));
         }
-        common.is_some()
+        true
+    }
+
+    /// True if it is one FMU of this program, of which several instances are possible.
+    fn can_be_folded(&self) -> bool {
+        self.can_be_multiplied() && matches!(&self.units[..], [unit] if unit.fmu.is_compiled())
     }
 
     fn compile_common(
@@ -349,15 +355,12 @@ impl LoadedLoop {
         further: &[(Place, Value)],
         changes: &[Change],
         Settings { start_time, stop_time, .. }: Settings,
-    ) -> Option<Common> {
-        if self.units.len() != 1 {
-            return None;
-        }
+    ) -> Result<Option<Common>, Error> {
         // Values that change during the run are different from the start; the first change of each counts.
         let changed = self.changes.iter().chain(changes).rev().map(|change| (change.place, change.value.clone()));
         let further: Vec<_> = further.iter().cloned().chain(changed).collect();
-        let (own, other) = (self.instantiate_with(&[]).ok()?, self.instantiate_with(&further).ok()?);
-        own.compile_common(other, (start_time, stop_time))
+        let (own, other) = (self.instantiate_with(&[])?, self.instantiate_with(&further)?);
+        Ok(own.compile_common(other, (start_time, stop_time)))
     }
 
     /// Instantiates and connects the components, with further start values of Real variables.

@@ -39,6 +39,9 @@ pub struct Plan {
     rare: Option<Sizes>,
 }
 
+/// The smallest rate of a subset simulation: places of samples have 16 digits.
+const SMALLEST_RATE: f64 = 1e-12;
+
 impl Plan {
     /// A plan with an allowed rate of failure, or none, a confidence, and the most runs, if given by the user.
     ///
@@ -72,7 +75,11 @@ impl Plan {
         if most > MOST_RUNS {
             return Err(format!("--runs {most}: must be at most {MOST_RUNS}"));
         }
-        let sizes = Sizes::new(most, at_most.unwrap_or(USUAL_RATE))?;
+        let rate = at_most.unwrap_or(USUAL_RATE);
+        if rate < SMALLEST_RATE {
+            return Err(format!("--at-most {rate}: must be at least {SMALLEST_RATE} with --rare"));
+        }
+        let sizes = Sizes::new(most, rate)?;
         Ok(Plan { at_most, confidence, looks: vec![sizes.runs()], rare: Some(sizes) })
     }
 

@@ -71,7 +71,16 @@ impl Summary<'_> {
             format!("{limit}: violated in {count} of {} failing samples", thousands(found.failing.len() as u64))
         };
         let sizes = format!("{levels} {plural} with {runs} runs{deviation}");
-        [sizes].into_iter().chain(limits.of.iter().enumerate().map(violated)).collect()
+        let has_no_margin = |sample: &&u64| match &self.outcomes[**sample as usize] {
+            Outcome::Ended(metrics) => limits.places.iter().any(|place| metrics[*place].is_none()),
+            _ => true,
+        };
+        let sudden = found.failing.iter().filter(has_no_margin).count() as u64;
+        let sudden = (sudden > 0).then(|| format!("{} failing samples end early or lack a metric", thousands(sudden)));
+        let assumed =
+            "assumed: margins get smaller before a run fails; plain runs, without --rare, show other failures";
+        let lines = [sizes].into_iter().chain(limits.of.iter().enumerate().map(violated)).chain(sudden);
+        lines.chain([assumed.to_owned()]).collect()
     }
 
     /// Values of the quantities in the failing samples of a subset simulation; none of another study.

@@ -7,7 +7,10 @@ use std::path::{Component, Path, PathBuf};
 use super::source::{UnitFile, unit_file};
 use super::{STRUCTURE, Structure};
 use crate::error::{Error, Invalid};
-use crate::exporter::{self, DESCRIBED, Embedded, Source, read_entry};
+use crate::exporter::{self, BUILD, DESCRIBED, Embedded, Source, read_entry};
+use crate::fmi2::build::Build;
+use crate::library;
+use crate::model::Description;
 use crate::scratch::Scratch;
 use crate::sealed::checksum;
 use crate::text_file;
@@ -266,10 +269,21 @@ impl LoopFiles {
         if let Some(name) = names.iter().find(lies_there) {
             return Ok(Some(Source::read(self.path(name), self.read(name)?)));
         }
-        // FMUs of other tools have none.
-        let archive = self.folder().map(|folder| folder.join(format!("resources/{fmu}.fmu")));
-        let text = archive.filter(|file| file.is_file()).and_then(|file| read_entry(&file, DESCRIBED).ok());
-        Ok(text.map(|text| Source::read(self.path(&names[1]), text)))
+        Ok(self.description_within(fmu))
+    }
+
+    /// The description within an archive in the resources, if it is an FMU of this program: from any other, this one
+    /// would make another FMU.
+    fn description_within(&self, fmu: &str) -> Option<Source> {
+        let place = format!("resources/{fmu}.fmu");
+        let archive = self.folder()?.join(&place);
+        if !archive.is_file() {
+            return None;
+        }
+        let build: Build = serde_json::from_str(&read_entry(&archive, BUILD).ok()?).ok()?;
+        let text = read_entry(&archive, DESCRIBED).ok()?;
+        let is_own = build.source == library::SOURCE && Description::read(&text).is_ok_and(|own| own.name == fmu);
+        is_own.then(|| Source::read(self.path(&place), text))
     }
 
     /// Names of the parameter files next to the structure, in order.
