@@ -185,10 +185,11 @@ def test_a_link_with_a_kind_alone_opens_its_design(page: Callable[..., Any]) -> 
     assert shown.is_hidden("#refused") and shown.is_checked("[name=kind][value=l1]") and "settles in" in shown.inner_text("#words")
 
 
-def test_reasons_have_the_names_of_the_page(page: Callable[..., Any]) -> None:
+def test_advice_has_the_names_of_the_page(page: Callable[..., Any]) -> None:
     shown = page()
-    setting(shown, "Bandwidth", 1e9)
-    assert shown.is_visible("#refused") and "--" not in shown.inner_text("#refused")
+    setting(shown, "Limit of voltage", 4)
+    report = shown.text_content("#report")
+    assert "use a smaller Reference" in report and "--reference" not in report
 
 
 def test_a_server_gives_the_same_page(page: Callable[..., Any], folder: Path) -> None:

@@ -17,6 +17,7 @@ pub mod cache;
 mod clock;
 mod decimal;
 pub mod designs;
+#[cfg(not(target_family = "wasm"))]
 pub mod distribution;
 pub mod drawing;
 #[allow(unsafe_code)]

@@ -66,8 +66,9 @@ pub(super) fn html(name: &str, backend: Backend, query: &str) -> String {
 /// # Errors
 /// When the library isn't WebAssembly, or a file can't be written.
 pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<PathBuf, Error> {
+    let program = program(library)?;
     std::fs::create_dir_all(out).map_err(Error::file(out))?;
-    output::write(&out.join(PROGRAM), program(library)?)?;
+    output::write(&out.join(PROGRAM), program)?;
     let others = SCRIPTS.iter().chain(Backend::LIBRARY.0).map(|(name, _)| *name).chain(["explore.css"]);
     for name in others {
         let (_, text) = self::file(name, Backend::LIBRARY).unwrap_or_default();
