@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
-use crate::explore::is_browser_library;
-use crate::exporter::{self, BROWSER, BROWSER_FILE, Binary, LIBRARIES, Library, browser_library};
+use crate::exporter::{
+    self, BROWSER, BROWSER_FILE, Binary, LIBRARIES, Library, browser_library, check_browser_library,
+};
 use crate::texts::START;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -86,7 +87,7 @@ fn material(source: &Path) -> Result<Files, Error> {
 fn browser() -> Result<Option<(String, Vec<u8>)>, Error> {
     let Some(file) = browser_library() else { return Ok(None) };
     let bytes = read(&file)?;
-    Ok(is_browser_library(&bytes).then(|| (format!("{BROWSER}/{BROWSER_FILE}"), bytes)))
+    Ok(check_browser_library(&bytes).is_ok().then(|| (format!("{BROWSER}/{BROWSER_FILE}"), bytes)))
 }
 
 fn entries(files: &[(String, Vec<u8>)]) -> Vec<(&str, &[u8])> {

@@ -24,7 +24,7 @@ pub use cases::{Base, cases, coarse};
 #[cfg(not(target_family = "wasm"))]
 pub use page::write_page;
 #[cfg(not(target_family = "wasm"))]
-pub(crate) use page::{LIBRARY_SCRIPT, PROGRAM, compressed, is_browser_library, program};
+pub(crate) use page::{LIBRARY_SCRIPT, PROGRAM, compressed, program};
 pub(crate) use parameters::{Rank, rank};
 #[cfg(not(target_family = "wasm"))]
 pub use server::{Server, token};

@@ -9,10 +9,9 @@ use flate2::write::GzEncoder;
 use crate::base64;
 use crate::drawing::escaped;
 use crate::error::Error;
+use crate::exporter::check_browser_library;
 use crate::figures::{DIAGRAMS, SCRIPT, STYLE};
-use crate::fmi2::build::Build;
 use crate::output;
-use crate::{SOURCE, library};
 
 const PAGE: &str = include_str!("explore.html");
 const LOOKS: &str = include_str!("explore.css");
@@ -81,37 +80,12 @@ pub fn write_page(name: &str, library: (&Path, &[u8]), out: &Path) -> Result<Pat
     Ok(page)
 }
 
-/// True for this library as WebAssembly, built of the same sources as this program.
-pub fn is_browser_library(bytes: &[u8]) -> bool {
-    check(bytes).is_ok()
-}
-
-/// Refuses any file but this library as WebAssembly.
-fn check(bytes: &[u8]) -> Result<(), String> {
-    const ADVICE: &str = "`packaging/browser` in the source folder builds it";
-    if !bytes.starts_with(b"\0asm") {
-        return Err(format!("is not a WebAssembly module; {ADVICE}"));
-    }
-    match Build::within(bytes) {
-        None => Err(format!("is not the library of this package; {ADVICE}")),
-        Some(build) if build.source != library::SOURCE || !holds(bytes, SOURCE.as_bytes()) => {
-            Err(format!("was built from other sources than this program; {ADVICE}"))
-        }
-        Some(_) => Ok(()),
-    }
-}
-
-/// True if bytes hold others.
-fn holds(bytes: &[u8], text: &[u8]) -> bool {
-    bytes.windows(text.len()).any(|place| place == text)
-}
-
 /// The library of this package as a script, compressed, as text. A page may load it from a file as well as from a server.
 ///
 /// # Errors
 /// When the file isn't this library as WebAssembly.
 pub fn program((file, bytes): (&Path, &[u8])) -> Result<String, Error> {
-    check(bytes).map_err(|reason| Error::Library(format!("{}: {reason}", file.display())))?;
+    check_browser_library(bytes).map_err(|reason| Error::Library(format!("{}: {reason}", file.display())))?;
     Ok(format!("'use strict';\nconst PROGRAM = '{}';\n", compressed(bytes).map_err(Error::file(file))?))
 }
 

@@ -19,12 +19,6 @@ use crate::library::{PACKAGE, REGISTRY, SOURCE};
 use crate::model::Standard;
 use crate::text_file;
 
-/// Folder of this package's library for browsers, next to those of platforms, and its name; cargo's profile for it has
-/// the same name.
-pub const BROWSER: &str = "browser";
-/// See [`BROWSER`].
-pub const BROWSER_FILE: &str = "adaptive_fmu.wasm";
-
 /// A library for a platform.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Binary {
@@ -90,15 +84,6 @@ fn read(file: &Path) -> Result<Vec<u8>, Error> {
 pub(super) fn beside(folder: &Path) -> Vec<Binary> {
     let places = library_folders(folder).flat_map(|libraries| folders(&libraries)).chain(of_targets(folder));
     of_names(places, |platform| platform.library_name())
-}
-
-/// This package's library for browsers, which comes with the program, or which `packaging/browser` built.
-pub fn browser_library() -> Option<PathBuf> {
-    let program = std::env::current_exe().ok()?;
-    let folder = program.parent()?;
-    let built = folder.parent().map(|target| target.join("wasm32-unknown-unknown"));
-    let places = library_folders(folder).chain(built).map(|place| place.join(BROWSER).join(BROWSER_FILE));
-    places.into_iter().find(|file| file.is_file())
 }
 
 /// This program, and what cargo left of the same sources for other platforms, or for older systems of this one.

@@ -4,6 +4,7 @@ mod appearance;
 mod archive;
 mod asked;
 mod binaries;
+mod browser;
 mod compiler;
 mod firmware;
 mod held;
@@ -23,7 +24,8 @@ pub use archive::{
     write_program,
 };
 pub use asked::{Asked, Glibc, asked_within};
-pub use binaries::{BROWSER, BROWSER_FILE, Binary, browser_library, programs};
+pub use binaries::{Binary, programs};
+pub use browser::{BROWSER, BROWSER_FILE, browser_library, check_browser_library};
 pub use firmware::{export_firmware, firmware};
 pub use held::{hold, tidy};
 pub(crate) use library::with_causes;
