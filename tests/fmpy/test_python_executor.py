@@ -207,6 +207,8 @@ def test_a_killed_worker_of_dask_loses_nothing(client: Client, many: Sweep, tmp_
 
 
 def test_a_killed_program_of_a_worker_loses_nothing(client: Client, many: Sweep, tmp_path: Path) -> None:
+    # A worker that hasn't run anything yet has no program.
+    client.run(lambda: len(__import__("adaptive_fmu").kinds()))
     programs = client.run(lambda: [one.process.pid for one in [*__import__("adaptive_fmu")._pool._idle]])
     victim = [pid for of in programs.values() for pid in of][0]
     loop = adaptive_fmu.Loop(LOOP)
