@@ -24,7 +24,7 @@ pub fn browser_library() -> Option<PathBuf> {
 /// Refuses any file but this library as WebAssembly, built of the same sources as this program.
 ///
 /// # Errors
-/// What it is instead, and how this library is built.
+/// The reason, and how this library is built.
 pub fn check_browser_library(bytes: &[u8]) -> Result<(), String> {
     const ADVICE: &str = "`packaging/browser` in the source folder builds it";
     if !bytes.starts_with(b"\0asm") {

@@ -148,7 +148,10 @@ fn model(source: &Source) -> Result<Model, Error> {
 }
 
 /// The report that `check` prints.
-fn report(source: &Source, ready: &Ready) -> Result<DesignReport, Error> {
+///
+/// # Errors
+/// For a description that is refused.
+pub(super) fn report(source: &Source, ready: &Ready) -> Result<DesignReport, Error> {
     let (mut unit, _) = describe(source, ready.library())?;
     add_runs(source, &mut unit.report, || Ok(ready));
     Ok(unit.report)
@@ -172,7 +175,7 @@ fn parameters(model: &Model, written: &Source) -> Result<Vec<Value>, Error> {
     Ok(now.variables.iter().filter(is_shown).map(parameter).collect())
 }
 
-/// Where the page shows a parameter.
+/// The group of a parameter on the page.
 fn group(name: &str) -> &'static str {
     match (name.starts_with("pole") || name.starts_with("A_m"), rank(name)) {
         (true, _) => "poles",

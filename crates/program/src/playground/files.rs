@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::design::{self, Designed};
 use crate::analysis::{in_loop, period};
 use crate::base64;
-use crate::designs::{DesignLoop, add_runs, report_page, settling_time};
+use crate::designs::{DesignLoop, report_page, settling_time};
 use crate::error::{Error, Invalid};
 use crate::exporter::{Content, Library, Source, describe, firmware, packed_entries};
 use crate::fmi2::firmware::Options;
@@ -81,9 +81,8 @@ fn fmu(source: &Source, library: &Library) -> Result<(String, Vec<u8>), Error> {
 }
 
 fn report(Designed { source, .. }: &Designed, name: &str, ready: &Ready) -> Result<Written, Error> {
-    let (mut unit, _) = describe(source, ready.library())?;
-    add_runs(source, &mut unit.report, || Ok(ready));
-    Ok((format!("{name}.html"), "text/html", report_page(name, &unit.report).into_bytes()))
+    let report = design::report(source, ready)?;
+    Ok((format!("{name}.html"), "text/html", report_page(name, &report).into_bytes()))
 }
 
 /// The settling time of a loop for its duration, s: by its report, or as usual for its bandwidth.

@@ -6,12 +6,11 @@ use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::estimation;
 use adaptive_fmu::identified::{Report, Said, Table};
+use adaptive_fmu::identified::{meaning, told, written};
 use adaptive_fmu::output;
 use adaptive_fmu::report::number;
 use adaptive_fmu_identification::{Identified, Model, Pole, SimulatedCourse, Verdict, poles_of};
 use nalgebra::DMatrix;
-
-use adaptive_fmu::identified::{meaning, told, written};
 
 use super::{Arguments, Read};
 use crate::command::names::Names;

@@ -9,6 +9,7 @@ use adaptive_fmu::analysis::{Linearisation, Method, OperatingPoint, Quantity, li
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::estimation::{Estimated, Found, Recorded, Sought, Task};
 use adaptive_fmu::fmu::Fmu;
+use adaptive_fmu::identified::text_of;
 use adaptive_fmu::model_description::Variable;
 use adaptive_fmu::report::number;
 use adaptive_fmu::simulation::{Inputs, conversion, values_of};
@@ -17,8 +18,6 @@ use adaptive_fmu::tuning::parameter_set;
 use adaptive_fmu_identification::{Fits, Free, Model, RecordOf, Units};
 use nalgebra::DMatrix;
 use serde_json::json;
-
-use adaptive_fmu::identified::text_of;
 
 use super::{Arguments, HoldOf, Offset, Read, UNSOUND, page};
 use crate::command::hosting::HostingOptions;

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use adaptive_fmu::error::{Error, Invalid};
+use adaptive_fmu::identified::{meaning, written};
 use adaptive_fmu::report::{self, number};
 use adaptive_fmu::{begun, text_file};
 use adaptive_fmu_identification::{Free, Model};
 use serde_json::json;
 
 use crate::command::number::part;
-use adaptive_fmu::identified::{meaning, written};
 
 /// Heading of these options in the help.
 const HEADING: &str = "Length of a further record";
