@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use adaptive_fmu::design::digits;
 use adaptive_fmu::designs::{Cases, Followed, WorstCase, add_runs, lines, report_page};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::exporter::{self, Library, Source};
 use adaptive_fmu::nominal::WorstPlant;
 use adaptive_fmu::output;
 use adaptive_fmu::report::{DesignReport, number};
-use adaptive_fmu::template::three_digits;
 use adaptive_fmu::tuning::parameter_set;
 use serde_json::json;
 
@@ -145,10 +145,6 @@ fn case_as_json(WorstCase { plant, followed, tried }: &WorstCase) -> serde_json:
         "settling_time": had.and_then(|had| had.settling), "overshoot": had.map(|had| had.overshoot),
         "peaks": had.map(|had| &had.peaks),
     })
-}
-
-fn digits(value: f64) -> String {
-    number(three_digits(value))
 }
 
 /// 0 of a sound design, with warnings too; 3 of one that isn't.

@@ -4,11 +4,12 @@ use std::ops::Deref;
 
 use super::series::Followed;
 use super::worst_case::{Steps, steps};
+use crate::design::digits;
 use crate::error::Error;
 use crate::exporter::Source;
 use crate::fmu::Ready;
 use crate::model::Description;
-use crate::report::{DesignReport, Finding, Verdict, number};
+use crate::report::{DesignReport, Finding, Verdict};
 use crate::system::NO_LIMIT;
 use crate::template::three_digits;
 
@@ -154,8 +155,4 @@ fn finding_lines(Finding { name, value, unit, verdict, note, .. }: &Finding) -> 
         told.push(format!("    {}: {note}", verdict.text()));
     }
     told
-}
-
-fn digits(value: f64) -> String {
-    number(three_digits(value))
 }
