@@ -57,11 +57,11 @@ def main() -> None:
                 print(f"{loop} {seed}: ended early: {tight if isinstance(tight, str) else tighter}", flush=True)
                 continue
             known, _ = apart(tight, tighter)
-            told = []
+            lines = []
             for tolerance in TOLERANCES:
                 run, seconds = solved(loop, changed, options, f"{tolerance:e}", given.method)
                 if isinstance(run, str):
-                    told.append(f"{tolerance:.0e}: {run}")
+                    lines.append(f"{tolerance:.0e}: {run}")
                     continue
                 error, name = apart(run, tighter)
                 row = counts[tolerance]
@@ -72,8 +72,8 @@ def main() -> None:
                     row[2] += 1
                 else:
                     row[3] = max(row[3], error / tolerance)
-                told.append(f"{tolerance:.0e}: {error / tolerance:.2g} ({name}, {seconds:.2f} s)")
-            print(f"{loop} {seed}: {'; '.join(told)}; tight solutions {known:.0e} apart", flush=True)
+                lines.append(f"{tolerance:.0e}: {error / tolerance:.2g} ({name}, {seconds:.2f} s)")
+            print(f"{loop} {seed}: {'; '.join(lines)}; tight solutions {known:.0e} apart", flush=True)
     print("| tolerance | runs | above ten times the tolerance | above it, as the loop carries rounding | largest of the rest |")
     for tolerance, (runs, above, carried, largest) in counts.items():
         print(f"| {tolerance:.0e} | {runs} | {above} | {carried} | {largest:.2g} |")

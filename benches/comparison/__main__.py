@@ -58,7 +58,7 @@ def main() -> None:
     if options.growth:
         print(growth.table(series))
         return
-    print(json.dumps([row.told() for row in rows]) if options.json else table(rows))
+    print(json.dumps([row.as_dict() for row in rows]) if options.json else table(rows))
 
 
 main()

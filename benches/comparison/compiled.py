@@ -3,7 +3,7 @@
 from functools import partial
 from pathlib import Path
 
-from machine import MY_PLANT, ROOT, Workshop, program, told
+from machine import MY_PLANT, ROOT, Workshop, program, run_json
 from steps import REFINED, Driven, Driver, Euler, against_reference
 from table import Row, alternately
 
@@ -86,7 +86,7 @@ def separate_units(workshop: Workshop) -> list[Row]:
 
     def seconds(loop: str, folder: Path) -> float:
         out = workshop.folder / "separate" / folder.name
-        ended[folder] = told("run", loop, "--until", workshop.stop, "--fmus", folder, "--in-process", "--out", out)
+        ended[folder] = run_json("run", loop, "--until", workshop.stop, "--fmus", folder, "--in-process", "--out", out)
         return ended[folder]["seconds"]
 
     rows = []

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from machine import PROGRAM, Workshop, told
+from machine import PROGRAM, Workshop, run_json
 from steps import Driver, l1_text, plant_text
 
 STATES = (4, 8, 16, 32, 60, 100, 200)
@@ -98,7 +98,7 @@ def by_components(workshop: Workshop, sizes: list[int]) -> Series:
     for count in sizes:
         steps = workshop.long(max(100, 60_000 // count))
         words = ["run", chain(workshop, count), "--step", 1e-3, "--until", 1e-3 * steps, "--out", workshop.folder / "out"]
-        values.append(min(told(*words)["seconds"] for _ in range(workshop.repeats)) / (steps * count) * 1e6)
+        values.append(min(run_json(*words)["seconds"] for _ in range(workshop.repeats)) / (steps * count) * 1e6)
     return Series("a component and step of a loop, by components", "µs", "linear plants of 4 states", sizes, values)
 
 

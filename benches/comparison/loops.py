@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import robot_controller
-from machine import ROOT, Workshop, program, told
+from machine import ROOT, Workshop, program, run_json
 from master import Fmu
 from package import Package
 from pythonfmu.builder import FmuBuilder
@@ -48,7 +48,7 @@ class Native:
 
     def seconds(self) -> float:
         """How long the simulation takes."""
-        return told(*self.words, generic=self.generic)["seconds"]
+        return run_json(*self.words, generic=self.generic)["seconds"]
 
     def settle(self) -> None:
         """A run that isn't timed: files are read once."""

@@ -75,7 +75,7 @@ def program(*words: str | Path | float, codes: tuple[int, ...] = (0,), generic: 
     return done.stdout
 
 
-def told(*words: str | Path | float, generic: bool = False) -> dict:
+def run_json(*words: str | Path | float, generic: bool = False) -> dict:
     """The same as JSON. 3: a metric beyond its limit, with other settings than the loop's own."""
     return json.loads(program(*words, "--json", codes=(0, 3), generic=generic))
 

@@ -129,8 +129,8 @@ class Reference(Euler):
 def against_reference(workshop: Workshop, file: Path, what: str = "") -> list[Row]:
     """Against the unit of Reference-FMUs, where its sources are there."""
     if not (sources := os.environ.get(REFERENCE_FMUS)):
-        told = f"rows against Reference-FMUs are left out: let {REFERENCE_FMUS} name a folder of its sources"
-        print(told, file=sys.stderr)
+        message = f"rows against Reference-FMUs are left out: let {REFERENCE_FMUS} name a folder of its sources"
+        print(message, file=sys.stderr)
         return []
     unit = Reference(1e-2, "Reference-FMUs' unit, one Euler step", sources=Path(sources))
     return [unit.against(workshop, file, 1e-2, 2 / 3, what)]

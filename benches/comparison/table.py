@@ -36,7 +36,7 @@ class Row:
         """Whether the goal is reached by the median."""
         return self.accurate and (median(self.ratios) >= self.goal if self.theirs else median(self.ours) <= self.goal)
 
-    def told(self) -> dict:
+    def as_dict(self) -> dict:
         """For a script."""
         names = "what", "peer", "goal", "ours", "theirs", "errors", "accurate", "reached"
         return {name: getattr(self, name) for name in names}

@@ -19,7 +19,7 @@ from ._errors import ArgumentError, Error, ExperimentWarning
 from ._figures import shown as drawn
 from ._figures import svg
 from ._pool import done
-from ._program import retold
+from ._program import reworded
 from ._records import Given
 from ._values import PathLike, joined, number, numbers, shown
 
@@ -375,7 +375,7 @@ def identify(
     wanted = [name.strip() for text in texts.values() for name in text.split(",") if name.strip()]
     with tempfile.TemporaryDirectory() as folder:
         given = Given(folder)
-        with retold(given.retold):
+        with reworded(given.reworded):
             out = given.folder / "model.json"
             known = {"order": order, "delay": delay, "windows": windows, "bandwidth": bandwidth, "level": level}
             texts |= {option: numbers(value) for option, value in known.items() if value is not None}
@@ -392,7 +392,7 @@ def identify(
             answer = done(["identify", "--json", *request, "--", *files]).json()
             text = out.read_text(encoding="utf-8")
     for finding in answer["findings"]:
-        finding["text"] = given.retold(finding["text"])
+        finding["text"] = given.reworded(finding["text"])
         if finding["verdict"] != "note":
             warnings.warn(finding_line(**finding), ExperimentWarning, stacklevel=2)
     return Identified(answer, text)

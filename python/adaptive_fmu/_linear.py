@@ -24,16 +24,16 @@ class Linearisation:
     ((2, 2), ['u[1]'])
     """
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        states, inputs, outputs = told["states"], told["inputs"], told["outputs"]
+    def __init__(self, output: dict[str, Any]) -> None:
+        states, inputs, outputs = output["states"], output["inputs"], output["outputs"]
         shapes = {"A": (states, states), "B": (states, inputs), "C": (outputs, states), "D": (outputs, inputs)}
         matrices = {
-            name: np.array(told[name], dtype=float).reshape(len(rows), len(columns)) for name, (rows, columns) in shapes.items()
+            name: np.array(output[name], dtype=float).reshape(len(rows), len(columns)) for name, (rows, columns) in shapes.items()
         }
         #: Name of the FMU.
-        self.name: str = told["fmu"]
+        self.name: str = output["fmu"]
         #: Time of the operating point, s.
-        self.time: float = told["time"]
+        self.time: float = output["time"]
         #: System matrix, n × n. Its entries are in 1/s if all states have the same unit of measurement.
         self.A: np.ndarray = matrices["A"]
         #: Input matrix, n × m.
@@ -49,11 +49,11 @@ class Linearisation:
         #: Names of the p outputs.
         self.outputs: list[str] = [quantity["name"] for quantity in outputs]
         #: Method by which the matrices were computed, and its settings; the key `by` has its name.
-        self.method: Any = told["method"]
+        self.method: Any = output["method"]
         #: Search for the operating point, if there was one, else None: `wanted`, `steps`, number of `equations` and `unknowns`,
         #: `rank`, `can_move` (states and inputs that can change, so that the operating point is one of many), `at_bound`.
-        self.trim: dict[str, Any] | None = told["trim"]
-        self._told = told
+        self.trim: dict[str, Any] | None = output["trim"]
+        self._output = output
 
     @property
     def eigenvalues(self) -> np.ndarray:
@@ -63,7 +63,7 @@ class Linearisation:
         >>> bool(adaptive_fmu.linearise("TwinRotor").eigenvalues.real.max() < 1)
         True
         """
-        return np.array([complex(value["real"], value["imaginary"]) for value in self._told["eigenvalues"]])
+        return np.array([complex(value["real"], value["imaginary"]) for value in self._output["eigenvalues"]])
 
     @property
     def operating_point(self) -> pd.DataFrame:
@@ -76,7 +76,7 @@ class Linearisation:
         rows = [
             {"name": quantity["name"], "what": what, "value": quantity["value"], "unit": quantity["unit"] or ""}
             for what, kind in (("state", "states"), ("input", "inputs"), ("output", "outputs"))
-            for quantity in self._told[kind]
+            for quantity in self._output[kind]
         ]
         return pd.DataFrame(rows, columns=["name", "what", "value", "unit"]).set_index("name")
 

@@ -406,24 +406,24 @@ class Tuned:
     >>> result = loop.run(until=6, values=tuned.values)
     """
 
-    def __init__(self, told: dict[str, Any], folder: Path | None, notes: Sequence[str]) -> None:
+    def __init__(self, output: dict[str, Any], folder: Path | None, notes: Sequence[str]) -> None:
         #: Name of the loop.
-        self.name: str = told["loop"]
+        self.name: str = output["loop"]
         #: Best values, by the names of the parameters.
-        self.values: dict[str, float] = told["parameters"]
+        self.values: dict[str, float] = output["parameters"]
         #: Objective with the best values.
-        self.objective: float = told["objective"]["best"]
+        self.objective: float = output["objective"]["best"]
         #: Objective before the search; None if that run failed.
-        self.before: float | None = told["objective"]["start"]
+        self.before: float | None = output["objective"]["start"]
         #: Objective with the best values and separate components, as `Loop.run` simulates them. None if the search itself used
         #: separate components, or if that run failed.
-        self.verified: float | None = told["objective"].get("verified")
+        self.verified: float | None = output["objective"].get("verified")
         #: "complete" or "interrupted".
-        self.ended: str = told["ended"]
+        self.ended: str = output["ended"]
         #: Number of runs.
-        self.runs: int = told["runs"]
+        self.runs: int = output["runs"]
         #: Number of runs that failed.
-        self.failed: int = told["failed"]
+        self.failed: int = output["failed"]
         #: The folder given as `out`; None if none was given.
         self.folder = folder
         #: Notes and warnings that the program printed.

@@ -16,7 +16,7 @@ import pandas as pd
 from ._errors import ArgumentError, Error, ExperimentWarning
 from ._executor import ask
 from ._identify import series
-from ._program import retold
+from ._program import reworded
 from ._records import Given
 from ._values import PathLike, Value, joined, number, shown, words
 
@@ -167,7 +167,7 @@ def estimate(
     texts |= {"time": time} if time is not None else {}
     with tempfile.TemporaryDirectory() as folder:
         given = Given(folder)
-        with retold(given.retold):
+        with reworded(given.reworded):
             out = given.folder / "model.json"
             named = ["data"] if len(records) == 1 else [f"data[{place}]" for place in range(len(records))]
             files = [given.record(one, name, time, wanted) for one, name in zip(records, named)]
@@ -178,7 +178,7 @@ def estimate(
             answer = made.json()
             text = out.read_text(encoding="utf-8") if answer["model"] else ""
             parameter_set = out.with_suffix(".ssv").read_text(encoding="utf-8")
-    answer["findings"] = [given.retold(finding) for finding in answer["findings"]]
+    answer["findings"] = [given.reworded(finding) for finding in answer["findings"]]
     for finding in answer["findings"]:
         warnings.warn(f"not sound: {finding}", ExperimentWarning, stacklevel=2)
     return Estimated(answer, text, parameter_set)

@@ -15,7 +15,7 @@ import numpy as np
 from ._errors import ArgumentError
 from ._identify import Identified
 from ._parameters import Estimated
-from ._program import retold
+from ._program import reworded
 from ._records import is_table
 
 
@@ -34,7 +34,7 @@ def plant_file(plant: Any) -> Iterator[str]:
         else:
             file = Path(folder) / "plant.json"
             file.write_text(json.dumps(_matrices(plant)))
-        with retold(lambda message: message.replace(os.fspath(file), "plant")):
+        with reworded(lambda message: message.replace(os.fspath(file), "plant")):
             yield os.fspath(file)
 
 

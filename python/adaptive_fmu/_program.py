@@ -103,7 +103,7 @@ def in_keywords(message: str) -> str:
 
 
 @contextmanager
-def retold(change: Callable[[str], str]) -> Iterator[None]:
+def reworded(change: Callable[[str], str]) -> Iterator[None]:
     """Change the messages of errors, such as those that name a file of which the caller knows nothing."""
     try:
         yield
@@ -132,8 +132,8 @@ class Answer:
             return None
         if self.code == INTERRUPTED:
             return Interrupted("The run was interrupted. The attribute `partial` contains the results until then")
-        told = [note.removeprefix("error: ") for note in self.notes if note.startswith("error: ")]
-        message = told[-1] if told else "\n".join(self.notes).strip() or f"The request failed with exit code {self.code}"
+        errors = [note.removeprefix("error: ") for note in self.notes if note.startswith("error: ")]
+        message = errors[-1] if errors else "\n".join(self.notes).strip() or f"The request failed with exit code {self.code}"
         # The rest describes the usage of the command line, which does not concern a caller from Python.
         message = in_keywords(message.split("\n\n")[0].strip())
         return ArgumentError(message) if self.code == 2 else Error(message)

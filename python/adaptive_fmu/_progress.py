@@ -23,8 +23,8 @@ def shown(name: str, wanted: bool | None) -> Iterator[Progress | None]:
         yield None
         return
 
-    def show(done: float, told: str) -> None:
-        bar.set_postfix_str(told, refresh=False)
+    def show(done: float, message: str) -> None:
+        bar.set_postfix_str(message, refresh=False)
         bar.update(round(done, 4) - bar.n)
 
     try:

@@ -54,7 +54,7 @@ class Given:
         file.write_text("".join(lines), encoding="utf-8")
         return os.fspath(file)
 
-    def retold(self, message: str) -> str:
+    def reworded(self, message: str) -> str:
         """Return a message about these files in terms of the arguments: rows of a table count from 0."""
         message = message.replace(f"{self.folder}{os.sep}", "")
         for file, name in self._names.items():

@@ -116,8 +116,8 @@ class Result:
             raise LimitExceeded(f"{self.name}: the run is not complete ({self.ended} at t = {self.end:g} s)")
         beyond = self.metrics[~self.metrics["holds"].fillna(True)]
         if len(beyond):
-            told = [f"{label} = {row['value']:.4g} is beyond its limit {row['limit']:g}" for label, row in beyond.iterrows()]
-            raise LimitExceeded(f"{self.name}: " + ", ".join(told))
+            causes = [f"{label} = {row['value']:.4g} is beyond its limit {row['limit']:g}" for label, row in beyond.iterrows()]
+            raise LimitExceeded(f"{self.name}: " + ", ".join(causes))
         return self
 
     def to_mat(self, path: PathLike) -> Path:
@@ -232,8 +232,8 @@ class Result:
         rows, columns = self._table.shape[1], len(self._names)
         beyond = int((~self.metrics["holds"].fillna(True)).sum())
         verdict = f"{beyond} of {len(self.metrics)} metrics beyond their limits" if beyond else "all metrics within their limits"
-        told = f"; {verdict}" if len(self.metrics) else ""
-        how = told if self.ended == "complete" else f", {self.ended}"
+        ending = f"; {verdict}" if len(self.metrics) else ""
+        how = ending if self.ended == "complete" else f", {self.ended}"
         return f"<{self.name}: {rows} points of {columns} signals until t = {self.end:g} s{how}>"
 
     def _repr_html_(self) -> str:

@@ -16,7 +16,7 @@ from ._errors import ArgumentError, ExperimentWarning
 from ._linear import Linearisation
 from ._plant import is_of_records, plant_file
 from ._pool import ask, done
-from ._program import in_keywords, retold
+from ._program import in_keywords, reworded
 from ._progress import shown
 from ._records import Given
 from ._result import Result, result_of
@@ -135,8 +135,8 @@ def export(
     request += [] if reference_results else ["--no-reference-results"]
     request += ["--compile"] if compile or platforms else []
     request += ["--platforms=" + ",".join(platforms)] if platforms else []
-    told = done([*request, "--", *(os.fspath(name) for name in names)]).json()
-    return [Path(file) for file in [*told["fmus"], *told.get("ssps", [])]]
+    output = done([*request, "--", *(os.fspath(name) for name in names)]).json()
+    return [Path(file) for file in [*output["fmus"], *output.get("ssps", [])]]
 
 
 def firmware(
@@ -175,8 +175,8 @@ def firmware(
     request += [f"--loop={os.fspath(loop)}"] if loop is not None else []
     request += ["--calibrate=" + ",".join(calibrate)] if calibrate is not None else []
     request += [f"--values={os.fspath(values)}"] if values is not None else []
-    told = done([*request, "--", *(os.fspath(name) for name in names)]).json()
-    return [Path(file) for file in told["files"]]
+    output = done([*request, "--", *(os.fspath(name) for name in names)]).json()
+    return [Path(file) for file in output["files"]]
 
 
 def new(
@@ -334,7 +334,7 @@ def simulate(
         if input is not None:
             table = sampled(input, until, step) if callable(input) else input
             request += [f"--input={given.record(table, 'input', None, [''])}"]
-        with retold(given.retold):
+        with reworded(given.reworded):
             return result_of(ask([*request, "--", os.fspath(fmu)], show))
 
 

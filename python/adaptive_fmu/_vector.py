@@ -66,8 +66,8 @@ class Vector(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observations, rewards, terminated, truncated = (np.concatenate([part[k] for part in parts]) for k in range(4))
         messages = np.full(self.num_envs, None, dtype=object)
         for first, part in zip([0, *self._cuts], parts):
-            for place, told in part[4].items():
-                messages[first + place] = told.get("message")
+            for place, info in part[4].items():
+                messages[first + place] = info.get("message")
         return observations, rewards, terminated, truncated, {"message": messages}
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -120,7 +120,7 @@ def _serve(pipe: Connection, make: Any, count: int) -> None:
 
 def _step(environments: Sequence[Environment], actions: np.ndarray, ended: np.ndarray) -> Stepped:
     count = len(environments)
-    observations, told = [], {}
+    observations, infos = [], {}
     rewards, terminated, truncated = np.zeros(count), np.zeros(count, bool), np.zeros(count, bool)
     for k, env in enumerate(environments):
         if ended[k]:
@@ -130,6 +130,6 @@ def _step(environments: Sequence[Environment], actions: np.ndarray, ended: np.nd
         observations.append(observation)
         rewards[k] = cast("float", reward)
         if about:
-            told[k] = about
+            infos[k] = about
     ended[:] = terminated | truncated
-    return np.stack(observations), rewards, terminated, truncated, told
+    return np.stack(observations), rewards, terminated, truncated, infos

@@ -70,8 +70,8 @@ def on_page_markdown(markdown, page, config, files):
     there = [loop for loop in LOOPS if files.get_file_from_path(f"{FOLDER}/{loop}.html")]
     if name == "explore.md" and there:
         links = "\n".join(f"- [{loop}]({FOLDER}/{loop}.html): {LOOPS[loop]}" for loop in there)
-        told = "These pages hold the library itself (WebAssembly): they need no program and no server, and run in your browser."
-        return f"{markdown}\n## Loops to try here\n\n{told}\n\n{links}\n"
+        note = "These pages hold the library itself (WebAssembly): they need no program and no server, and run in your browser."
+        return f"{markdown}\n## Loops to try here\n\n{note}\n\n{links}\n"
     if not files.get_file_from_path(f"{PLAYGROUND}/index.html"):
         return markdown
     if name == "playground.md":

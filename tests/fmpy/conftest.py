@@ -263,8 +263,8 @@ def ran(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
             answer = adaptive_fmu("run", *words, *fmus, "--json", "--out", tmp_path_factory.mktemp("run"))
             # 3: a peak beyond its limit, with another step than the loop's own.
             assert answer.returncode in (0, 3) and answer.stderr == "", answer
-            told = json.loads(answer.stdout)
-            done[words] = told, read_csv(Path(told["results"]) / "result.csv")
+            output = json.loads(answer.stdout)
+            done[words] = output, read_csv(Path(output["results"]) / "result.csv")
         return done[words]
 
     return run

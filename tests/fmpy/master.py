@@ -45,8 +45,8 @@ def trials() -> dict[str, dict[str, dict[str, float | str]]]:
     """Start values for tests that each kind of system gives, by what they are for."""
     program = os.environ.get("ADAPTIVE_FMU_PROGRAM")
     command = [program] if program else ["cargo", "run", "--release", "-q", "--"]
-    told = subprocess.run([*command, "list", "--json"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    return {kind["name"]: kind["trial"] for kind in json.loads(told)["kinds"]}
+    output = subprocess.run([*command, "list", "--json"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return {kind["name"]: kind["trial"] for kind in json.loads(output)["kinds"]}
 
 
 def tried(fmu: Fmu, *purposes: str) -> dict[str, float]:

@@ -171,7 +171,7 @@ without = {{ rotor_min = -1e9, rotor_max = 1e9 }}
 
 
 @pytest.mark.parametrize(
-    ("unit", "name", "told"),
+    ("unit", "name", "message"),
     [
         ("QuadrotorMixer", "rotor_min", None),
         ("Rotors.toml", "rotor_min", None),
@@ -180,7 +180,7 @@ without = {{ rotor_min = -1e9, rotor_max = 1e9 }}
         ("TwoLinkRobot", "rotor_min", "TwoLinkRobot has no such variable"),
     ],
 )
-def test_a_mixer_is_a_unit_with_these_parameters(unit: str, name: str, told: str | None, tmp_path: Path) -> None:
+def test_a_mixer_is_a_unit_with_these_parameters(unit: str, name: str, message: str | None, tmp_path: Path) -> None:
     text = (ROOT / "examples" / "league" / "league.toml").read_text()
     start = text.index('[[plant]]\nname = "quadrotor"')
     plant = text[start : text.index("[plant.bench.mixer]", start)]
@@ -190,5 +190,5 @@ def test_a_mixer_is_a_unit_with_these_parameters(unit: str, name: str, told: str
     mixer = (ROOT / "modelDescription" / "QuadrotorMixer.toml").read_text()
     (tmp_path / "Rotors.toml").write_text(mixer.replace("QuadrotorMixer", "Rotors"))
     answer = adaptive_fmu("league", "--list", "--study", file, "--out", tmp_path / "out")
-    assert (answer.returncode == 0) == (told is None), answer.stderr
-    assert told is None or told in answer.stderr, answer.stderr
+    assert (answer.returncode == 0) == (message is None), answer.stderr
+    assert message is None or message in answer.stderr, answer.stderr

@@ -102,8 +102,8 @@ def test_a_folder_that_others_may_replace_is_no_cache(expected: bytes, tmp_path:
     shared.mkdir()
     for mode in (0o777, 0o775):
         shared.chmod(mode)
-        told = refused(shared / "cache", expected, tmp_path)
-        assert f"others may write to {shared} (mode {mode:o})" in told and not (shared / "cache").exists()
+        error = refused(shared / "cache", expected, tmp_path)
+        assert f"others may write to {shared} (mode {mode:o})" in error and not (shared / "cache").exists()
     # Where nobody renames what is another's, the folder within is safe.
     shared.chmod(0o1777)
     assert exported(shared / "cache", tmp_path) == (expected, [])

@@ -36,12 +36,12 @@ class Checked:
         file.write_text(text)
         self.answer = adaptive_fmu("check", file, "--json")
         assert self.answer.returncode in (0, 3) and self.answer.stderr == "", self.answer
-        self.told = json.loads(self.answer.stdout)
+        self.output = json.loads(self.answer.stdout)
         self.description = tomllib.loads(text)
         self.structure, self.start = self.description["structure"], self.description["start"]
 
     def __getitem__(self, name: str):
-        return next(finding["value"] for finding in self.told["findings"] if finding["name"] == name)
+        return next(finding["value"] for finding in self.output["findings"] if finding["name"] == name)
 
     def matrix(self, name: str) -> np.ndarray:
         """A parameter, diagonal where one number a channel is given."""
@@ -154,11 +154,11 @@ def test_the_desired_dynamics_are_those_that_numpy_finds(design: Checked) -> Non
     eigenvalues = np.linalg.eigvalsh(P)
     assert design["least eigenvalue of P"] == pytest.approx(eigenvalues[0], rel=1e-6)
     assert design["largest eigenvalue of P"] == pytest.approx(eigenvalues[-1], rel=1e-9)
-    indices = np.array(design[next(f["name"] for f in design.told["findings"] if "controllability" in f["name"])])
+    indices = np.array(design[next(f["name"] for f in design.output["findings"] if "controllability" in f["name"])])
     assert indices.sum() == len(A_m) and indices.shape == (1, B.shape[1])
     gamma = design.start["adaptation_gain"]
     frequency = np.sqrt(gamma * np.linalg.eigvalsh(B.T @ P @ B)[-1])
-    if "L_2" not in [finding["name"] for finding in design.told["findings"]]:
+    if "L_2" not in [finding["name"] for finding in design.output["findings"]]:
         assert design["omega_a at rest"] == pytest.approx(frequency, rel=1e-6)
 
 
@@ -179,7 +179,7 @@ def test_the_norms_are_the_integrals_of_impulse_responses(design: Checked) -> No
         expected += unmatched * max(design.start["theta_bound_unmatched"])
     assert design["lambda"]["upper"] == pytest.approx(expected, rel=1e-3)
     # Sufficient, not necessary: a larger one is a warning.
-    verdicts = {finding["name"]: finding["verdict"] for finding in design.told["findings"]}
+    verdicts = {finding["name"]: finding["verdict"] for finding in design.output["findings"]}
     assert (verdicts["lambda"] == "ok") == (expected < 1.0) and design.answer.returncode == 0
     # No corner of the bounds is worse.
     for corner in [design.matrix("omega_min"), design.matrix("omega_max")]:
@@ -225,12 +225,12 @@ def test_the_bandwidth_is_where_the_low_pass_has_fallen(design: Checked) -> None
 @pytest.mark.parametrize("name", sample.FMUS)
 def test_every_fmu_is_checked_and_the_exit_code_tells_whether_it_is_sound(name: str) -> None:
     answer = adaptive_fmu("check", name, "--json")
-    told = json.loads(answer.stdout)
-    assert answer.stderr == "" and told["name"] == name
-    unsound = any(finding["verdict"] == "not_sound" for finding in told["findings"])
-    assert (answer.returncode, told["sound"]) == ((3, False) if unsound else (0, True))
+    output = json.loads(answer.stdout)
+    assert answer.stderr == "" and output["name"] == name
+    unsound = any(finding["verdict"] == "not_sound" for finding in output["findings"])
+    assert (answer.returncode, output["sound"]) == ((3, False) if unsound else (0, True))
     # Whatever isn't right comes with advice.
-    assert all(finding["note"] for finding in told["findings"] if finding["verdict"] != "ok")
+    assert all(finding["note"] for finding in output["findings"] if finding["verdict"] != "ok")
 
 
 def test_people_see_the_same_verdict_and_the_advice() -> None:

@@ -21,8 +21,8 @@ def fails(*arguments: str | Path, folder: Path = ROOT) -> str:
     answer = adaptive_fmu(*arguments, folder=folder)
     assert (answer.returncode, answer.stdout) == (1, ""), answer
     # A library that was built for tests says so.
-    told = [line for line in answer.stderr.splitlines() if not line.startswith("warning: the library was built without")]
-    assert told[0].startswith("error: ") and "panicked" not in answer.stderr, answer
+    lines = [line for line in answer.stderr.splitlines() if not line.startswith("warning: the library was built without")]
+    assert lines[0].startswith("error: ") and "panicked" not in answer.stderr, answer
     return answer.stderr
 
 
@@ -45,14 +45,14 @@ def test_list_names_them_for_people_too() -> None:
 def test_info_tells_as_json_what_the_description_says(each_fmu) -> None:
     answer = adaptive_fmu("info", each_fmu.path, "--json")
     assert (answer.returncode, answer.stderr) == (0, "")
-    told = json.loads(answer.stdout)
-    assert (told["name"], told["guid"]) == (each_fmu.name, each_fmu.description.guid)
-    variables = {v["name"]: v for v in told["variables"]}
+    output = json.loads(answer.stdout)
+    assert (output["name"], output["guid"]) == (each_fmu.name, each_fmu.description.guid)
+    variables = {v["name"]: v for v in output["variables"]}
     assert set(variables) == set(each_fmu.variables)
     for name, variable in each_fmu.variables.items():
         assert (variables[name]["causality"], variables[name]["unit"]) == (variable.causality, variable.unit)
         assert variables[name]["valueReference"] == variable.valueReference
-    assert told["source"] == (ROOT / "modelDescription" / f"{each_fmu.name}.toml").read_text()
+    assert output["source"] == (ROOT / "modelDescription" / f"{each_fmu.name}.toml").read_text()
 
 
 @pytest.fixture(scope="module", params=["gauss-seidel", "jacobi"])
@@ -66,15 +66,15 @@ def short_run(request, fmu_folder, tmp_path_factory):
 def test_run_ends_well_with_metrics_csv_and_plot(short_run) -> None:
     _, answer, folder = short_run
     assert (answer.returncode, answer.stderr) == (0, "")
-    told = json.loads(answer.stdout)
-    assert (told["loop"], told["warnings"]) == ("3.2.1-cosine", [])
-    metrics = {metric["label"]: metric["value"] for metric in told["metrics"]}
+    output = json.loads(answer.stdout)
+    assert (output["loop"], output["warnings"]) == ("3.2.1-cosine", [])
+    metrics = {metric["label"]: metric["value"] for metric in output["metrics"]}
     # Two of three begin at 5 s: they have no value yet, and so none that could be taken for a good one.
     assert [label for label, value in metrics.items() if value is None] == [label for label in metrics if "5 s" in label]
     table = read_csv(folder / "result.csv")
     assert len(table["time"]) == 2001 and table["time"][-1] == 2.0
     assert metrics["max |u|"] == np.abs(table["controller.u[1]"]).max()
-    assert json.loads((folder / "metrics.json").read_text())["metrics"] == told["metrics"]
+    assert json.loads((folder / "metrics.json").read_text())["metrics"] == output["metrics"]
     plot = etree.parse(folder / "plot.svg").getroot()
     assert plot.tag.endswith("svg") and plot.findall(".//{*}polyline") + plot.findall(".//{*}path")
 
@@ -200,8 +200,8 @@ def test_a_description_that_cant_be_used_is_refused_and_leaves_no_file_behind(te
     file, out = tmp_path / "inner" / "mine.toml", tmp_path / "inner" / "out"
     file.parent.mkdir()
     file.write_text(content)
-    told = fails("export", file, "--out", out)
-    assert "mine.toml" in told and word in told
+    error = fails("export", file, "--out", out)
+    assert "mine.toml" in error and word in error
     assert not out.exists() or list(out.iterdir()) == []
     assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["mine.toml"]
 
@@ -213,8 +213,8 @@ def test_markup_and_control_characters_in_a_description_stay_text(tmp_path: Path
     assert adaptive_fmu("export", tmp_path / "mine.toml", "--out", tmp_path).returncode == 0
     file = tmp_path / "Hostile.fmu"
     assert validate_fmu(str(file)) == []
-    told = json.loads(adaptive_fmu("info", file, "--json").stdout)
-    assert told["description"] == hostile
+    output = json.loads(adaptive_fmu("info", file, "--json").stdout)
+    assert output["description"] == hostile
     shutil.unpack_archive(file, tmp_path / "unpacked", "zip")
     page = (tmp_path / "unpacked" / "documentation" / "index.html").read_text()
     assert "<script" not in page and "<img" not in page and "&lt;script&gt;" in page

@@ -41,13 +41,13 @@ def ran(loop: str, out: Path, *options: str | float, refused: bool = False, **en
     )
     assert answer.returncode in (0, 3), answer.stderr
     results = Path(json.loads(answer.stdout)["results"])
-    told = json.loads((results / "metrics.json").read_text())
-    return (results / "result.csv").read_text(), told, answer.stderr
+    recorded = json.loads((results / "metrics.json").read_text())
+    return (results / "result.csv").read_text(), recorded, answer.stderr
 
 
-def evaluated(told: dict) -> set[str]:
+def evaluated(recorded: dict) -> set[str]:
     """How the equations of a run's units were evaluated."""
-    return {unit["evaluated"] for unit in told["units"].values()}
+    return {unit["evaluated"] for unit in recorded["units"].values()}
 
 
 @pytest.mark.parametrize("form", [[], ["--composite"], ["--composite", "--set", "integration_method=stiff"]])
@@ -58,13 +58,13 @@ def test_a_run_has_the_same_digits_where_no_memory_for_code_is_given(loop: str, 
     except subprocess.SubprocessError:
         pytest.skip("this system can't be asked to refuse memory for code")
     assert refuse
-    table, metrics, told = ran(loop, tmp_path, "--verbose", *form)
+    table, metrics, recorded = ran(loop, tmp_path, "--verbose", *form)
     generic, of_generic, told_of_generic = ran(loop, tmp_path, "--verbose", *form, refused=True)
     assert generic == table and of_generic["metrics"] == metrics["metrics"]
-    assert evaluated(metrics) == {COMPILED} and "compiled" in told
+    assert evaluated(metrics) == {COMPILED} and "compiled" in recorded
     [reason] = evaluated(of_generic)
     assert reason.startswith("not compiled: the system refuses memory for code"), reason
-    assert "the system refuses memory for code" in told_of_generic and "the system refuses" not in told
+    assert "the system refuses memory for code" in told_of_generic and "the system refuses" not in recorded
     # Nothing is wrong: who doesn't ask isn't told.
     assert "refuses" not in ran(loop, tmp_path, *form, refused=True)[2]
 
@@ -74,8 +74,8 @@ def test_nothing_but_the_program_is_needed(tmp_path: Path) -> None:
     expected, metrics, _ = ran("3.3.1-case2", tmp_path)
     assert evaluated(metrics) == {COMPILED}
     nothing = {"PATH": "", "CC": "no-such-compiler", "HOME": "", "ADAPTIVE_FMU_CACHE": ""}
-    table, metrics, told = ran("3.3.1-case2", tmp_path, **nothing)
-    assert table == expected and evaluated(metrics) == {COMPILED} and "compil" not in told
+    table, metrics, recorded = ran("3.3.1-case2", tmp_path, **nothing)
+    assert table == expected and evaluated(metrics) == {COMPILED} and "compil" not in recorded
 
 
 def test_a_run_leaves_nothing_in_the_cache_but_what_its_fmus_are_made_of(tmp_path: Path) -> None:

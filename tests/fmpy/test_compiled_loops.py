@@ -86,8 +86,8 @@ def test_the_loop_that_is_run_after_an_export_has_its_own_design(tmp_path: Path)
     run = lambda loop: adaptive_fmu("run", loop, "--until", "0.01", "--fmus", tmp_path, "--out", tmp_path / "results")
     refused, text = run("3.3.1-case2"), (ROOT / "modelDescription" / "L1TwoLinkRobot.toml").read_text()
     pole = re.search(r"^pole_real = \[(.+?),", text, re.M)[1]
-    told = f"`controller.pole_real[1]` can't be set: the FMU was designed with the value {pole}. "
-    assert refused.returncode == 1 and told in refused.stderr and "--run LOOP" in refused.stderr, refused.stderr
+    message = f"`controller.pole_real[1]` can't be set: the FMU was designed with the value {pole}. "
+    assert refused.returncode == 1 and message in refused.stderr and "--run LOOP" in refused.stderr, refused.stderr
     done = adaptive_fmu("export", *words, "--run", "3.3.1-case2", folder=tmp_path)
     assert done.returncode == 0 and "L1TwoLinkRobot.fmu is designed with the values of 3.3.1-case2" in done.stderr, done.stderr
     same(table(tmp_path, "3.3.1-case2", "--fmus", tmp_path), table(tmp_path, "3.3.1-case2"))

@@ -90,12 +90,12 @@ def results(tmp_path_factory: pytest.TempPathFactory, fmu_folder: Path) -> Path:
     return out
 
 
-def told(results: Path, loop: str) -> dict:
+def metrics_of(results: Path, loop: str) -> dict:
     return json.loads((results / loop / "metrics.json").read_text())
 
 
 def test_a_loop_run_as_one_unit_is_judged_like_that_of_separate_units(results: Path) -> None:
-    whole, separate = told(results, f"{LOOPS[0]}-composite"), told(results, LOOPS[0])
+    whole, separate = metrics_of(results, f"{LOOPS[0]}-composite"), metrics_of(results, LOOPS[0])
     assert (whole["loop"], whole["ended"]) == (f"{LOOPS[0]}-composite", "complete")
     assert [m["label"] for m in whole["metrics"]] == [m["label"] for m in separate["metrics"]]
     values, others = ([m["value"] for m in run["metrics"]] for run in (whole, separate))

@@ -184,10 +184,10 @@ def emulated(made: Path) -> Told:
     # What a program tells comes out as QEMU's errors do.
     lines = [line.split() for line in run.stderr.splitlines()]
     steps = [words[1:] for words in lines if words[0] == "step"]
-    told = {words[0]: int(words[1], 16) for words in lines if words[0] in ("refused", "empty", "stack")}
+    results = {words[0]: int(words[1], 16) for words in lines if words[0] in ("refused", "empty", "stack")}
     ticks = np.array([int(words[0], 16) for words in steps])
     outputs = [[struct.unpack(">d", bytes.fromhex(bits))[0] for bits in words[1:]] for words in steps]
-    return Told(np.rint((ticks - told["empty"]) * TICK / 2**SHIFT), np.array(outputs), told["stack"], told["refused"])
+    return Told(np.rint((ticks - results["empty"]) * TICK / 2**SHIFT), np.array(outputs), results["stack"], results["refused"])
 
 
 def as_told(measured: float, cell: str) -> bool:
@@ -208,14 +208,14 @@ def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_targe
 
 @each_law
 def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
-    told = on_target(row["controller"], number(row["substeps"]))
-    mean = told.instructions.mean()
+    results = on_target(row["controller"], number(row["substeps"]))
+    mean = results.instructions.mean()
     worst = on_target(row["controller"], number(row["substeps"]), True)
-    most = max(told.instructions.max(), worst.instructions.max())
+    most = max(results.instructions.max(), worst.instructions.max())
     assert most <= number(row["a step, at most"]) <= 1.2 * most
     assert as_told(mean, row["a step, mean"])
     assert as_told(mean / number(row["substeps"]), row["instructions a substep"])
-    assert max(told.stack, worst.stack) <= OTHER_COMPILERS * number(row["stack"])
+    assert max(results.stack, worst.stack) <= OTHER_COMPILERS * number(row["stack"])
 
 
 @each_law

@@ -110,8 +110,8 @@ def test_the_longest_period_is_one_with_which_the_fastest_mode_decays(own, tmp_p
 @pytest.mark.parametrize("name", LAWS)
 def test_a_controller_takes_the_bytes_that_its_sheet_tells(name: str, laws: Laws) -> None:
     folder = laws.firmware(name, substeps(name))
-    told = [int(number) for number in re.search(r"takes (\d+) bytes in double and (\d+) in float", sheet(folder, name)).groups()]
-    assert told == [Law(folder, name, *defines).c.law_size() for defines in ([], [f"-D{name}_FLOAT"])]
+    documented = [int(number) for number in re.search(r"takes (\d+) bytes in double and (\d+) in float", sheet(folder, name)).groups()]
+    assert documented == [Law(folder, name, *defines).c.law_size() for defines in ([], [f"-D{name}_FLOAT"])]
     # Of what it doesn't integrate nothing is told.
     assert sheet(folder, name).count("Runge-Kutta step") == (2 if f"{name}_states x;" in (folder / f"{name}.h").read_text() else 0)
 
@@ -201,20 +201,20 @@ def test_no_step_takes_more_operations_than_the_sheet_tells(name: str, laws: Law
     run = subprocess.run([tmp_path / "count"], capture_output=True, text=True, check=True, timeout=120)
     # The start is a row of its own.
     found = np.array([[int(word) for word in line.split()] for line in run.stdout.splitlines()])
-    told = np.array([int(cell) for cell in cells(sheet(folder, name), "**a step**")[1:]])
-    assert np.all(found[1 : len(vectors)] <= told), (found, told)
+    documented = np.array([int(cell) for cell in cells(sheet(folder, name), "**a step**")[1:]])
+    assert np.all(found[1 : len(vectors)] <= documented), (found, documented)
     # Inputs that no loop has may bring events.
     of_events = ("an event, as a hand-over", "sides of indicators", "outputs", "what the steps below don't change")
-    with_events = told + 8 * sum(row_of(sheet(folder, name), row) for row in of_events)
-    assert np.all(found[1:] <= with_events), (found, told)
+    with_events = documented + 8 * sum(row_of(sheet(folder, name), row) for row in of_events)
+    assert np.all(found[1:] <= with_events), (found, documented)
     # And not many times as many: branches that aren't taken count.
-    assert told.sum() <= 3 * found[1:].sum(axis=1).max(), (found, told)
+    assert documented.sum() <= 3 * found[1:].sum(axis=1).max(), (found, documented)
 
 
 def test_a_sheet_has_the_delay_margin_of_the_design_report(laws: Laws) -> None:
     name = Random(NUMBER).choice(["L1TwoLinkRobot", "L1SampledTwoLinkRobot", "PidNonlinearSiso"])
-    told = json.loads(adaptive_fmu("check", name, "--json").stdout)
-    margins = [finding["value"] for finding in findings(told) if finding["name"] == "delay margin"]
+    output = json.loads(adaptive_fmu("check", name, "--json").stdout)
+    margins = [finding["value"] for finding in findings(output) if finding["name"] == "delay margin"]
     text = sheet(laws.firmware(name, substeps(name)), name).split("## Delay margin")[1].split("## ")[0]
     assert len(re.findall("^- ", text, re.MULTILINE)) == len(margins)
     for margin in margins:
@@ -222,13 +222,13 @@ def test_a_sheet_has_the_delay_margin_of_the_design_report(laws: Laws) -> None:
         assert not isinstance(margin, float) or any(number == pytest.approx(margin, rel=1e-5) for number in numbers), (margin, text)
 
 
-def findings(told: object) -> list[dict]:
+def findings(output: object) -> list[dict]:
     """All findings of a report, wherever they stand."""
-    if isinstance(told, dict):
-        if {"name", "value", "verdict"} <= told.keys():
-            return [told]
-        return [one for each in told.values() for one in findings(each)]
-    return [one for each in told for one in findings(each)] if isinstance(told, list) else []
+    if isinstance(output, dict):
+        if {"name", "value", "verdict"} <= output.keys():
+            return [output]
+        return [one for each in output.values() for one in findings(each)]
+    return [one for each in output for one in findings(each)] if isinstance(output, list) else []
 
 
 

@@ -62,8 +62,8 @@ def test_the_first_is_sound_is_in_time_and_takes_least_control(number: int, tmp_
     single = [of for of in CLASSES if of != "several channels"]
     of = plant(random.choice(single), random)
     time = 8 / of.bandwidth
-    told = designed(tmp_path, written(tmp_path, of), "--settling-time", repr(time), code=(0, 3))
-    candidates = told["candidates"]
+    output = designed(tmp_path, written(tmp_path, of), "--settling-time", repr(time), code=(0, 3))
+    candidates = output["candidates"]
     keys = [key(candidate, time, 1.0) for candidate in candidates]
     assert keys == sorted(keys)
     best = candidates[0]
@@ -81,10 +81,10 @@ def test_the_first_is_sound_is_in_time_and_takes_least_control(number: int, tmp_
 
 
 def test_files_are_written_that_can_be_exported(tmp_path: Path) -> None:
-    told = designed(tmp_path, MOTOR, "--output", "speed", "--settling-time", "0.1", "--reference", "100")
-    kinds = [candidate["kind"] for candidate in told["candidates"]]
+    output = designed(tmp_path, MOTOR, "--output", "speed", "--settling-time", "0.1", "--reference", "100")
+    kinds = [candidate["kind"] for candidate in output["candidates"]]
     assert sorted(kinds) == ["funnel", "l1", "l1-limit", "l1-sampled", "ladrc", "observer-l1", "pid"]
-    for candidate in told["candidates"]:
+    for candidate in output["candidates"]:
         assert candidate["nominal"]["settling_time"] <= 0.1, candidate
         for file in candidate["files"]:
             assert run(tmp_path, "export", file).returncode == 0
@@ -96,18 +96,18 @@ def test_files_are_written_that_can_be_exported(tmp_path: Path) -> None:
 
 
 def test_only_what_is_measured_is_used(tmp_path: Path) -> None:
-    told = designed(tmp_path, MOTOR, "--settling-time", "0.1", "--measured", "speed")
-    refused = {candidate["kind"]: candidate["refused"] for candidate in told["candidates"] if "refused" in candidate}
+    output = designed(tmp_path, MOTOR, "--settling-time", "0.1", "--measured", "speed")
+    refused = {candidate["kind"]: candidate["refused"] for candidate in output["candidates"] if "refused" in candidate}
     assert sorted(refused) == ["funnel", "l1", "l1-limit", "l1-sampled"]
     assert "every state of the plant, which isn't measured" in refused["l1"]
-    told = designed(tmp_path, MOTOR, "--settling-time", "0.1", "--measured", "speed,current")
-    assert not [candidate for candidate in told["candidates"] if "refused" in candidate]
+    output = designed(tmp_path, MOTOR, "--settling-time", "0.1", "--measured", "speed,current")
+    assert not [candidate for candidate in output["candidates"] if "refused" in candidate]
 
 
 def test_noise_passes_through_a_linear_controller_in_proportion(tmp_path: Path) -> None:
     def noise(*words: str) -> float:
-        told = designed(tmp_path, MOTOR, "--bandwidth", "20", "--kinds", "pid", "--reference", "100", *words)
-        return told["candidates"][0]["noise"][0]
+        output = designed(tmp_path, MOTOR, "--bandwidth", "20", "--kinds", "pid", "--reference", "100", *words)
+        return output["candidates"][0]["noise"][0]
 
     one, three = noise("--noise", "0.1"), noise("--noise", "speed=0.3")
     assert three == pytest.approx(3 * one, rel=1e-6) and one > 0
@@ -133,8 +133,8 @@ def test_what_is_wrong_is_said_and_nothing_is_written(words: list[str], reason: 
 def test_where_no_candidate_is_sound_the_exit_code_says_so(tmp_path: Path) -> None:
     unstable = Plant(np.array([[0.0, 1.0], [4.0, 0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), 4.0)
     file = written(tmp_path, unstable)
-    told = designed(tmp_path, file, "--bandwidth", "4", "--kinds", "pid,ladrc", "--uncertainty", "90%", code=(3,))
-    assert all(not candidate["sound"] and candidate["reason"] for candidate in told["candidates"])
+    output = designed(tmp_path, file, "--bandwidth", "4", "--kinds", "pid,ladrc", "--uncertainty", "90%", code=(3,))
+    assert all(not candidate["sound"] and candidate["reason"] for candidate in output["candidates"])
     nothing = Plant(np.array([[1.0]]), np.array([[0.0]]), np.array([[1.0]]), 4.0)
     done = run(tmp_path, "design", written(tmp_path, nothing), "--bandwidth", "4", "--kinds", "pid,ladrc", "--out", "none")
     assert done.returncode == 1 and "no controller was found" in done.stderr and not (tmp_path / "none").exists()
@@ -144,10 +144,10 @@ def test_an_fmu_is_a_plant_too(tmp_path: Path) -> None:
     run(tmp_path, "new", "state-space", "--name", "Motor", "--plant", MOTOR)
     assert run(tmp_path, "export", "Motor.toml").returncode == 0
     words = ["--output", "speed_output", "--settling-time", "0.1", "--reference", "100", "--kinds", "pid"]
-    told = designed(tmp_path, "fmus/Motor.fmu", *words, "--inputs", "voltage")
+    output = designed(tmp_path, "fmus/Motor.fmu", *words, "--inputs", "voltage")
     same = designed(tmp_path, MOTOR, *[word.removesuffix("_output") for word in words])
     for which in ["nominal", "worst"]:
-        mine, other = told["candidates"][0][which], same["candidates"][0][which]
+        mine, other = output["candidates"][0][which], same["candidates"][0][which]
         assert mine["settling_time"] == pytest.approx(other["settling_time"], rel=1e-3)
         assert mine["peaks"] == pytest.approx(other["peaks"], rel=1e-3)
 
@@ -167,8 +167,8 @@ def test_more_plants_and_other_ones_are_tried(tmp_path: Path) -> None:
     designed(tmp_path, written(tmp_path, MASS), "--bandwidth", "2", "--kinds", "pid")
 
     def tried(*words: str) -> tuple[float, float]:
-        told = json.loads(run(tmp_path, "check", "design/Pid.toml", "--json", *words).stdout)
-        found = {item["name"]: item["value"] for item in told["findings"] if item["section"] == "Uncertain plants"}
+        output = json.loads(run(tmp_path, "check", "design/Pid.toml", "--json", *words).stdout)
+        found = {item["name"]: item["value"] for item in output["findings"] if item["section"] == "Uncertain plants"}
         return found["plants tried"], found["settling time"]
 
     usual, more, other = tried(), tried("--plants", "2000"), tried("--plants", "2000", "--seed", "7")
@@ -183,8 +183,8 @@ def test_more_plants_and_other_ones_are_tried(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["pid", "l1"])
 def test_no_random_plant_is_worse_than_the_worst_case(kind: str, tmp_path: Path) -> None:
     designed(tmp_path, written(tmp_path, MASS), "--bandwidth", "2", "--kinds", kind)
-    told = json.loads(run(tmp_path, "check", f"design/{kind.capitalize()}.toml", "--worst-case", "2", "--json").stdout)["worst_case"]
-    assert told["tried"] > 40 and told["failure"] is None
+    output = json.loads(run(tmp_path, "check", f"design/{kind.capitalize()}.toml", "--worst-case", "2", "--json").stdout)["worst_case"]
+    assert output["tried"] > 40 and output["failure"] is None
 
     def squared(of: Plant) -> float:
         names = [(f"plant.{name}[{i + 1},{j + 1}]", value) for name, all in [("A", of.A), ("B", of.B)] for (i, j), value in np.ndenumerate(all)]
@@ -193,7 +193,7 @@ def test_no_random_plant_is_worse_than_the_worst_case(kind: str, tmp_path: Path)
         after = signals["time"] >= start
         return float(np.sum((signals["plant.tracked0"][after] - 1) ** 2))
 
-    worst = squared(Plant(np.array(told["A"]), np.array(told["B"]), MASS.C, MASS.bandwidth))
+    worst = squared(Plant(np.array(output["A"]), np.array(output["B"]), MASS.C, MASS.bandwidth))
     random = Random(NUMBER)
     assert all(squared(within(MASS, random, k % 2 == 0)) <= 1.01 * worst for k in range(8))
     assert worst > squared(MASS)
@@ -228,8 +228,8 @@ def test_names_of_a_plant_may_be_those_of_the_models_variables(tmp_path: Path) -
     names = {"states": ["d", "u"], "inputs": ["A"], "outputs": ["K"]}
     plant = {"A": [[-1, 0], [1, -2]], "B": [[1], [0]], "C": [[0, 1]], **names}
     (tmp_path / "plant.json").write_text(json.dumps(plant))
-    told = designed(tmp_path, "plant.json", "--settling-time", "2")
-    assert not [candidate for candidate in told["candidates"] if "refused" in candidate]
+    output = designed(tmp_path, "plant.json", "--settling-time", "2")
+    assert not [candidate for candidate in output["candidates"] if "refused" in candidate]
     made = run(tmp_path, "new", "state-space", "--name", "P", "--plant", "plant.json")
     assert "state `d` is called `d_state`, state `u` is called `u_state`, input `A` is called `A_input`" in made.stderr
 

@@ -168,8 +168,8 @@ def test_a_page_marks_events_and_a_run_is_repeated_with_them(tmp_path: Path) -> 
     assert all({f"{mark['time']:g}": mark["text"] for mark in diagram["marks"]} == marks for diagram in diagrams)
     assert (folder / "plot.svg").read_text().count("<title>plant.omega = 3</title>") == len(diagrams)
     again = program(tmp_path, "run", "--again", folder, "--json")
-    told = json.loads(again.stdout)
-    assert told["again"]["same_numbers"] and told["again"]["differences"] == [], told["again"]
+    output = json.loads(again.stdout)
+    assert output["again"]["same_numbers"] and output["again"]["differences"] == [], output["again"]
     axis = adaptive_fmu.Loop(LOOP).run(until=2, events=[(1.25, "plant.omega", 3)]).plot().axes[-1]
     assert any(np.allclose(line.get_xdata(), 1.25) for line in axis.get_lines())
 

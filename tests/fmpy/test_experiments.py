@@ -57,14 +57,14 @@ def test_step_and_highest_frequency_follow_from_the_poles(ratio: float, tmp_path
     slow, poles = slow_and_fast(rng, ratio)
     inputs = ["left", "right"][: int(rng.integers(1, 3))]
     plant(tmp_path / "P.json", rng, poles, inputs)
-    levels, told = begun(tmp_path, "--plant", "P.json")
+    levels, output = begun(tmp_path, "--plant", "P.json")
     settling, fastest = 4 / slow, ratio * slow
     step = round_down(min(settling / 200, 1 / (5 * fastest)))
     assert levels["structure"]["sample_time"] == levels["experiment"]["step"] == pytest.approx(step), (NUMBER, poles)
     assert levels["structure"]["longest_level"] == pytest.approx(0.4 * settling, rel=0.02)
     length = levels["experiment"]["stop_time"]
     assert length >= max(10 * settling * 0.98, 40 * (4 + len(inputs)) * step * 0.999), (NUMBER, length)
-    assert "warning" not in told and "fastest pole" not in told
+    assert "warning" not in output and "fastest pole" not in output
     for signal in ("chirp", "multisine"):
         wave, _ = begun(tmp_path, "--plant", "P.json", "--signal", signal)
         assert wave["structure"]["sample_time"] == pytest.approx(step)
@@ -79,15 +79,15 @@ def test_a_pole_too_fast_for_the_settling_time_is_noted(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 1)
     slow, poles = slow_and_fast(rng, 2e4)
     plant(tmp_path / "P.json", rng, poles, ["u"])
-    levels, told = begun(tmp_path, "--plant", "P.json")
+    levels, output = begun(tmp_path, "--plant", "P.json")
     assert levels["structure"]["sample_time"] == pytest.approx(round_down(4 / slow / 200)), (NUMBER, slow)
-    note = re.search(r"warning: at this step the record does not show the plant's fastest pole, (\S+) rad/s.*--step (\S+), and", told)
-    assert note, told
+    note = re.search(r"warning: at this step the record does not show the plant's fastest pole, (\S+) rad/s.*--step (\S+), and", output)
+    assert note, output
     assert float(note[1]) == pytest.approx(2e4 * slow, rel=1e-3)
     assert float(note[2]) == pytest.approx(round_down(1 / (5 * 2e4 * slow)))
     # A step of one's own is taken without further words.
-    own, told = begun(tmp_path, "--plant", "P.json", "--step", note[2], "--settling-time", 4000 * float(note[2]))
-    assert own["structure"]["sample_time"] == float(note[2]) and "fastest pole" not in told
+    own, output = begun(tmp_path, "--plant", "P.json", "--step", note[2], "--settling-time", 4000 * float(note[2]))
+    assert own["structure"]["sample_time"] == float(note[2]) and "fastest pole" not in output
 
 
 def test_plants_that_do_not_settle_are_told_so(tmp_path: Path) -> None:
@@ -100,12 +100,12 @@ def test_plants_that_do_not_settle_are_told_so(tmp_path: Path) -> None:
         ran = program(tmp_path, "new", "excitation", "--name", "S", "--plant", f"{name}.json")
         assert ran.returncode == 1 and f"{reason}, so that it doesn't settle: give --settling-time or --bandwidth" in ran.stderr, ran.stderr
         assert not (tmp_path / "S.toml").exists()
-    _, told = begun(tmp_path, "--plant", "Unstable.json", "--settling-time", 2)
-    assert f"warning: the plant has an unstable pole, with the real part {growth} 1/s. Without a controller nothing settles" in told
+    _, output = begun(tmp_path, "--plant", "Unstable.json", "--settling-time", 2)
+    assert f"warning: the plant has an unstable pole, with the real part {growth} 1/s. Without a controller nothing settles" in output
     assert begun(tmp_path, "--plant", "Unstable.json", "--bandwidth", 2)[0]["structure"]["longest_level"] == 0.8
     for name in ("Zero", "Drifts"):
-        _, told = begun(tmp_path, "--plant", f"{name}.json", "--settling-time", 2)
-        assert "warning: the plant has a pole at 0, so that it drifts" in told and "unstable" not in told, (NUMBER, name, told)
+        _, output = begun(tmp_path, "--plant", f"{name}.json", "--settling-time", 2)
+        assert "warning: the plant has a pole at 0, so that it drifts" in output and "unstable" not in output, (NUMBER, name, output)
     assert "has a pole at 0" in begun(tmp_path, "--plant", "Drifts.json")[1], "its other pole settles"
 
 

@@ -132,51 +132,51 @@ def test_what_is_no_request_is_refused_and_the_server_goes_on(explored: Explored
 
 
 def test_a_run_answers_with_curves_metrics_and_its_time(explored: Explored) -> None:
-    status, told = explored.wanted("/run")
-    assert status == 200 and told["shortfall"] is None and told["end"] == 10
-    assert [len(diagram["curves"]) for diagram in told["diagrams"]] == [3, 1]
-    for curve in (curve for diagram in told["diagrams"] for curve in diagram["curves"]):
+    status, answer = explored.wanted("/run")
+    assert status == 200 and answer["shortfall"] is None and answer["end"] == 10
+    assert [len(diagram["curves"]) for diagram in answer["diagrams"]] == [3, 1]
+    for curve in (curve for diagram in answer["diagrams"] for curve in diagram["curves"]):
         assert 10 < len(curve["x"]) == len(curve["y"]) <= 1000 and curve["x"][-1] == 10, curve["name"]
-    assert len(told["metrics"]) == 3 and told["fine"] is False
-    assert 0 < told["seconds"] < 60
+    assert len(answer["metrics"]) == 3 and answer["fine"] is False
+    assert 0 < answer["seconds"] < 60
 
 
 def test_a_run_with_a_value_is_that_of_the_program(explored: Explored, tmp_path: Path) -> None:
-    _, told = explored.wanted("/run", values={AMPLITUDE: 1.5}, fine=True)
-    assert told["fine"] is True
+    _, answer = explored.wanted("/run", values={AMPLITUDE: 1.5}, fine=True)
+    assert answer["fine"] is True
     ran = adaptive_fmu("run", LOOP, "--composite", "--until", "10", "--set", f"{AMPLITUDE}=1.5", "--json", "--out", tmp_path)
     metrics = json.loads(ran.stdout)["metrics"]
-    assert [metric["value"] for metric in told["metrics"]] == [metric["value"] for metric in metrics]
+    assert [metric["value"] for metric in answer["metrics"]] == [metric["value"] for metric in metrics]
 
 
 def test_a_name_that_is_none_and_a_value_that_a_unit_refuses_are_told(explored: Explored) -> None:
-    _, told = explored.wanted("/run", values={"controller.nothing": 1})
-    assert "there is no adjustable parameter `controller.nothing`" in told["error"]
-    _, told = explored.wanted("/run", values={GAIN: "fast"})
-    assert f'`{GAIN}` = "fast": must be a finite number' in told["error"]
-    _, told = explored.wanted("/run", case="other.ssv")
-    assert "there is no case `other.ssv`" in told["error"]
-    _, told = explored.wanted("/run", values={GAIN: -1, AMPLITUDE: 1})
-    assert told["at"] == [GAIN] and "adaptation_gain" in told["refused"] and "-1" in told["refused"]
+    _, answer = explored.wanted("/run", values={"controller.nothing": 1})
+    assert "there is no adjustable parameter `controller.nothing`" in answer["error"]
+    _, answer = explored.wanted("/run", values={GAIN: "fast"})
+    assert f'`{GAIN}` = "fast": must be a finite number' in answer["error"]
+    _, answer = explored.wanted("/run", case="other.ssv")
+    assert "there is no case `other.ssv`" in answer["error"]
+    _, answer = explored.wanted("/run", values={GAIN: -1, AMPLITUDE: 1})
+    assert answer["at"] == [GAIN] and "adaptation_gain" in answer["refused"] and "-1" in answer["refused"]
     # Each is allowed, both together aren't.
-    _, told = explored.wanted("/run", values={"controller.omega_min[1,1]": 5, "controller.omega_max[1,1]": 4})
-    assert "must not be above controller.omega_max[1,1] = 4" in told["refused"]
-    assert told["at"] == ["controller.omega_max[1,1]", "controller.omega_min[1,1]"]
-    _, told = explored.wanted("/run", values={"controller.A_m[2,2]": 1.4, AMPLITUDE: 1})
-    assert "must be Hurwitz" in told["refused"] and told["at"] == ["controller.A_m[2,2]"]
+    _, answer = explored.wanted("/run", values={"controller.omega_min[1,1]": 5, "controller.omega_max[1,1]": 4})
+    assert "must not be above controller.omega_max[1,1] = 4" in answer["refused"]
+    assert answer["at"] == ["controller.omega_max[1,1]", "controller.omega_min[1,1]"]
+    _, answer = explored.wanted("/run", values={"controller.A_m[2,2]": 1.4, AMPLITUDE: 1})
+    assert "must be Hurwitz" in answer["refused"] and answer["at"] == ["controller.A_m[2,2]"]
 
 
 def test_a_loop_that_is_lost_tells_where_its_curves_end(explored: Explored) -> None:
-    _, told = explored.wanted("/run", values={"plant.omega": -2})
-    assert 0 < told["end"] < 10 and f"failed at t = {told['end']:g} s of 10 s" in told["shortfall"]
-    assert told["diagrams"][0]["curves"][0]["x"][-1] == pytest.approx(told["end"])
+    _, answer = explored.wanted("/run", values={"plant.omega": -2})
+    assert 0 < answer["end"] < 10 and f"failed at t = {answer['end']:g} s of 10 s" in answer["shortfall"]
+    assert answer["diagrams"][0]["curves"][0]["x"][-1] == pytest.approx(answer["end"])
 
 
 @pytest.mark.parametrize("name", ["", "..", "../up", "a/b", "a\\b", "/tmp/a", ".hidden", "a" * 61])
 def test_a_file_of_such_a_name_is_not_written(explored: Explored, name: str) -> None:
     for path in ["/set", "/save", "/export"]:
-        status, told = explored.wanted(path, name=name)
-        assert status == 422 and "must be" in told["error"], path
+        status, answer = explored.wanted(path, name=name)
+        assert status == 422 and "must be" in answer["error"], path
     assert not [*explored.out.rglob("*up*"), *explored.out.rglob("*.hidden*")]
 
 
@@ -188,17 +188,17 @@ def test_a_set_runs_the_loop_as_the_page_did(explored: Explored, tmp_path: Path)
     parameters = ElementTree.parse(file).getroot().findall(".//{*}Parameter")
     assert {it.get("name"): float(it[0].get("value", "")) for it in parameters} == values
     assert explored.wanted("/set", name="mine", values=values)[1]["set"] == file.read_text()
-    _, told = explored.wanted("/run", values=values)
+    _, answer = explored.wanted("/run", values=values)
     ran = adaptive_fmu("run", LOOP, "--composite", "--until", "10", "--step", "0.01", "--case", file, "--json", "--out", tmp_path)
-    assert json.loads(ran.stdout)["metrics"][0]["value"] == told["metrics"][0]["value"]
+    assert json.loads(ran.stdout)["metrics"][0]["value"] == answer["metrics"][0]["value"]
 
 
 def test_cases_are_those_that_lie_beside_the_loop_with_all_that_they_choose(tmp_path: Path) -> None:
     served = Explored(tmp_path, "4-case1-fuzzy", "--until", "1")
     try:
-        told = json.loads(served.ask("GET", "/loop")[1])
-        assert [case["name"] for case in told["cases"]] == [None, "midpoint.ssv", "tuned.ssv", "two-level.ssv"]
-        assert told["cases"][3]["values"]["controller.constant_gain"] == 0.6
+        answer = json.loads(served.ask("GET", "/loop")[1])
+        assert [case["name"] for case in answer["cases"]] == [None, "midpoint.ssv", "tuned.ssv", "two-level.ssv"]
+        assert answer["cases"][3]["values"]["controller.constant_gain"] == 0.6
         own, two_level = (served.wanted("/run", case=case)[1]["metrics"] for case in [None, "two-level.ssv"])
         assert own != two_level
         # What isn't a number goes into a set, too.

@@ -28,9 +28,9 @@ BOX = "plant.inertia_variation"
 
 
 def test_each_type_of_parameter_has_a_control_of_its_own(fuzzy: Explored) -> None:
-    told = json.loads(fuzzy.ask("GET", "/loop")[1])
-    controls = {it["name"]: it for it in told["parameters"]}
-    start = told["cases"][0]["values"]
+    answer = json.loads(fuzzy.ask("GET", "/loop")[1])
+    controls = {it["name"]: it for it in answer["parameters"]}
+    start = answer["cases"][0]["values"]
     assert controls[OUTPUT]["control"] == "choice" and len(controls[OUTPUT]["items"]) == 3 and controls[OUTPUT]["first"]
     assert start[OUTPUT] in controls[OUTPUT]["items"]
     assert controls[STEPS]["control"] == "whole" and controls[STEPS]["limits"] == [1, 10000] and start[STEPS] == 1
@@ -58,8 +58,8 @@ def test_a_value_of_another_type_is_refused_with_what_it_must_be(fuzzy: Explored
     ]:
         assert reason in fuzzy.wanted("/run", values={name: value})[1]["error"], (name, value)
     # What is of the type and not allowed is the unit's to refuse.
-    told = fuzzy.wanted("/run", values={STEPS: 0})[1]
-    assert told["at"] == [STEPS] and "fixed_steps" in told["refused"]
+    answer = fuzzy.wanted("/run", values={STEPS: 0})[1]
+    assert answer["at"] == [STEPS] and "fixed_steps" in answer["refused"]
 
 
 def test_what_is_no_real_is_chosen_and_goes_into_link_set_and_fmus(page: Callable[..., Any], tmp_path: Path) -> None:

@@ -35,8 +35,8 @@ def test_elements_of_matrices_show_which_signal_acts_on_which(page: Callable[...
     assert made.returncode == 0, made.stderr
     served = Explored(tmp_path, MOTOR, "--until", "0.5")
     try:
-        told = json.loads(served.ask("GET", "/loop")[1])["parameters"]
-        acts = {it["name"]: it["acts"] for it in told if it["acts"]}
+        answer = json.loads(served.ask("GET", "/loop")[1])["parameters"]
+        acts = {it["name"]: it["acts"] for it in answer if it["acts"]}
         assert acts["motor.A[1,2]"] == "speed ← current" and acts["motor.A[2,2]"] == "current ← current"
         assert acts["motor.B[2,1]"] == "current ← voltage" and acts["motor.C[1,1]"] == "speed_output ← speed"
         shown = page(served=served)

@@ -98,14 +98,14 @@ def run_in_the_page(shown: Any, **wanted: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("loop", LOOPS)
 def test_metrics_and_curves_are_those_of_the_program(page: Callable[..., Any], loop: str, tmp_path: Path) -> None:
-    told = run_in_the_page(page(loop))
+    answer = run_in_the_page(page(loop))
     ran = run_by_the_program(loop, tmp_path)
-    assert told["shortfall"] is None and len(told["metrics"]) == len(ran["metrics"]) > 0
-    for ours, theirs in zip(told["metrics"], ran["metrics"], strict=True):
+    assert answer["shortfall"] is None and len(answer["metrics"]) == len(ran["metrics"]) > 0
+    for ours, theirs in zip(answer["metrics"], ran["metrics"], strict=True):
         assert ours["label"] == theirs["label"] and ours["value"] == pytest.approx(theirs["value"], rel=apart(ours["label"]))
     table = np.genfromtxt(next(tmp_path.rglob("*.csv")), delimiter=",", names=True, deletechars="", encoding="utf-8")
     time, compared = table[table.dtype.names[0]], 0
-    for curve in (curve for diagram in told["diagrams"] for curve in diagram["curves"]):
+    for curve in (curve for diagram in answer["diagrams"] for curve in diagram["curves"]):
         # A control follows adaptation, whose fast turns are elsewhere after any rounding: its metrics are compared alone.
         if curve["name"] in table.dtype.names and not curve["name"].startswith("controller."):
             theirs = table[curve["name"]]

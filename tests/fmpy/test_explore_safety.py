@@ -108,8 +108,8 @@ def test_what_is_there_is_replaced_where_that_is_asked_for(tmp_path: Path) -> No
             assert served.wanted(path, name="mine", values={AMPLITUDE: 1.25})[0] == 200
             file = place if place.is_file() else place / "ReferenceNonlinearSiso.fmu"
             before = file.read_bytes()
-            status, told = served.wanted(path, name="mine", values={AMPLITUDE: 1.5})
-            assert status == 200 and told["isThere"] and told["error"].endswith(f"{name} already exists") and file.read_bytes() == before
+            status, answer = served.wanted(path, name="mine", values={AMPLITUDE: 1.5})
+            assert status == 200 and answer["isThere"] and answer["error"].endswith(f"{name} already exists") and file.read_bytes() == before
             assert served.wanted(path, name="mine", values={AMPLITUDE: 1.5}, replace=True)[0] == 200
             assert file.read_bytes() != before
     finally:

@@ -19,18 +19,18 @@ OMEGA = {"time": 5, "name": "plant.omega", "value": "2.5"}
 
 def test_a_run_with_changes_is_that_of_the_program(explored: Explored, tmp_path: Path) -> None:
     changed = [OMEGA, {"time": 7.5, "name": "controller.u_max[1]", "value": "1.5"}]
-    _, told = explored.wanted("/run", events=changed, fine=True)
+    _, reply = explored.wanted("/run", events=changed, fine=True)
     words = [word for it in changed for word in ("--event", f"{it['time']}: {it['name']}={it['value']}")]
     answer = adaptive_fmu("run", LOOP, "--composite", "--until", "10", *words, "--json", "--out", tmp_path)
-    assert [it["value"] for it in told["metrics"]] == [it["value"] for it in json.loads(answer.stdout)["metrics"]]
-    assert [mark["time"] for mark in told["diagrams"][0]["marks"]] == [5, 7.5] and told["events"] == []
+    assert [it["value"] for it in reply["metrics"]] == [it["value"] for it in json.loads(answer.stdout)["metrics"]]
+    assert [mark["time"] for mark in reply["diagrams"][0]["marks"]] == [5, 7.5] and reply["events"] == []
     plain = explored.wanted("/run", fine=True)[1]
-    assert plain["metrics"] != told["metrics"] and plain["diagrams"][0]["marks"] == []
+    assert plain["metrics"] != reply["metrics"] and plain["diagrams"][0]["marks"] == []
 
 
 def test_what_may_change_is_offered_and_what_may_not_is_refused_at_its_place(explored: Explored) -> None:
-    told = json.loads(explored.ask("GET", "/loop")[1])
-    offered = {it["name"]: it for it in told["changeable"]}
+    answer = json.loads(explored.ask("GET", "/loop")[1])
+    offered = {it["name"]: it for it in answer["changeable"]}
     assert offered["plant.omega"]["value"] == "2" and "mean input gain" in offered["plant.omega"]["description"]
     assert "controller.enabled" in offered and not {"plant.u[1]", "plant.x0[1]", "controller.fixed_steps"} & set(offered)
     for wrong, reason in [
@@ -41,11 +41,11 @@ def test_what_may_change_is_offered_and_what_may_not_is_refused_at_its_place(exp
         ({"time": -1}, "must be within the run"),
         ({"name": "controller.adaptation_gain", "value": "-1"}, "must be at least 0"),
     ]:
-        told = explored.wanted("/run", events=[OMEGA, OMEGA | wrong])[1]
-        assert reason in told["refused"] and told["events"] == [1] and "--" not in told["refused"], told
+        answer = explored.wanted("/run", events=[OMEGA, OMEGA | wrong])[1]
+        assert reason in answer["refused"] and answer["events"] == [1] and "--" not in answer["refused"], answer
     # What only the FMU refuses ends the run there.
-    told = explored.wanted("/run", events=[OMEGA, {"time": 5, "name": "controller.omega_min[1,1]", "value": "50"}])[1]
-    assert told["end"] == 5 and told["events"] == [1] and "must not be above controller.omega_max[1,1]" in told["shortfall"], told
+    answer = explored.wanted("/run", events=[OMEGA, {"time": 5, "name": "controller.omega_min[1,1]", "value": "50"}])[1]
+    assert answer["end"] == 5 and answer["events"] == [1] and "must not be above controller.omega_max[1,1]" in answer["shortfall"], answer
     assert explored.ask("POST", "/run", {"case": None, "values": {}, "events": [OMEGA | {"further": 1}]})[0] == 400
 
 
@@ -110,11 +110,11 @@ def test_any_tools_fmus_change_during_a_run(changed: str, tmp_path: Path, fmu_fo
     try:
         assert not json.loads(served.ask("GET", "/loop")[1])["whole"]
         event = {"time": 1, "name": changed, "value": {"plant.omega": "2.5"}.get(changed, "false")}
-        plain, told = served.wanted("/run")[1], served.wanted("/run", events=[event])[1]
-        before, after = ([curve["y"] for curve in it["diagrams"][0]["curves"]] for it in (plain, told))
-        assert before != after and told["shortfall"] is None
+        plain, answer = served.wanted("/run")[1], served.wanted("/run", events=[event])[1]
+        before, after = ([curve["y"] for curve in it["diagrams"][0]["curves"]] for it in (plain, answer))
+        assert before != after and answer["shortfall"] is None
         words = ["run", tmp_path, "--event", f"1: {changed}={event['value']}", "--json", "--out", tmp_path / "out"]
-        assert [it["value"] for it in told["metrics"]] == [
+        assert [it["value"] for it in answer["metrics"]] == [
             it["value"] for it in json.loads(adaptive_fmu(*words, folder=tmp_path).stdout)["metrics"]
         ]
     finally:

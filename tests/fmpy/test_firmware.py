@@ -160,13 +160,13 @@ def test_a_control_at_its_limit_is_told(name: str, laws: Laws, fmu) -> None:
         values[places["u_min"] + k], values[places["u_max"] + k] = -0.5 * size - 1e-9, 0.5 * size + 1e-9
     law.c.law_init()
     assert law.c.law_calibrate(values) == 0
-    told = []
+    messages = []
     for k in range(20):
         status, given = law.step(drawn(k * law.period))
         at_limit = any(abs(given[first + i]) >= 0.5 * size + 1e-9 for i, size in enumerate(sizes))
         assert bool(status & law.bits["LIMITED"]) == at_limit, (k, given, sizes)
-        told.append(at_limit)
-    assert any(told) or not any(sizes)
+        messages.append(at_limit)
+    assert any(messages) or not any(sizes)
 
 
 def parameters_of(header: str) -> str:
@@ -372,10 +372,10 @@ def test_without_a_loop_the_number_of_steps_is_asked_for(tmp_path: Path) -> None
         answer = adaptive_fmu("export", "--firmware", *words, "--out", tmp_path)
         return answer.returncode, answer.stderr
 
-    code, told = exported("PidNonlinearSiso")
-    assert code == 1 and "--loop LOOP" in told and "--substeps N" in told
-    code, told = exported("PidNonlinearSiso", "--loop", "3.2.1-cosine")
-    assert code == 1 and "3.2.1-cosine has no component of PidNonlinearSiso" in told
+    code, output = exported("PidNonlinearSiso")
+    assert code == 1 and "--loop LOOP" in output and "--substeps N" in output
+    code, output = exported("PidNonlinearSiso", "--loop", "3.2.1-cosine")
+    assert code == 1 and "3.2.1-cosine has no component of PidNonlinearSiso" in output
     assert exported("PidNonlinearSiso", "--substeps", "1") == (0, "")
     # Nothing of it is integrated.
     assert exported("L1SampledTwoLinkRobot") == (0, "")
@@ -419,9 +419,9 @@ def test_the_vectors_of_a_law_are_replayed(name: str, laws: Laws, tmp_path: Path
     folder = laws.firmware(name, substeps(name))
     for options in ([], [f"-D{name}_FLOAT"]):
         run = replayed(folder, name, tmp_path / "replay", *options)
-        told = re.search(rf"{name}: passed, (\d+) steps are apart by", run.stdout)
-        assert run.returncode == 0 and told, run.stdout
-        assert int(told[1]) == 100, run.stdout
+        match = re.search(rf"{name}: passed, (\d+) steps are apart by", run.stdout)
+        assert run.returncode == 0 and match, run.stdout
+        assert int(match[1]) == 100, run.stdout
     # All files of a folder are compiled where the user's program has a main.
     built("gcc", *WARNINGS, f"-I{folder}", "-c", folder / f"{name}_replay.c", "-o", tmp_path / "empty.o")
 

@@ -46,18 +46,18 @@ STAYING = fmi2CallbackFunctions()
 
 def alone(fmu: Fmu) -> tuple[np.ndarray, list[tuple[int, str]]]:
     """What a unit shows at FMPy's defaults, and what it says."""
-    told: list[tuple[int, str]] = []
-    hear = lambda _, instance, status, category, message: told.append((status, message))  # noqa: E731
+    messages: list[tuple[int, str]] = []
+    hear = lambda _, instance, status, category, message: messages.append((status, message))  # noqa: E731
     result = fmpy.simulate_fmu(str(fmu.path), logger=hear)
     # All loggers of FMPy go by one proxy, which keeps the last one although it is gone: it gets one that stays.
     STAYING.logger = LOGGER
     fmpy.logging.addLoggerProxy(ctypes.byref(STAYING))
-    return result, told
+    return result, messages
 
 
 def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fmu) -> None:
-    result, told = alone(each_fmu)
-    assert told == [], "neither warnings nor errors"
+    result, messages = alone(each_fmu)
+    assert messages == [], "neither warnings nor errors"
     outputs = [name for name in result.dtype.names if name != "time"]
     assert all(np.isfinite(result[name]).all() for name in outputs)
     moves = {name for name in outputs if np.ptp(result[name].astype(float)) > 1e-6}

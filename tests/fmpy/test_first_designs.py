@@ -233,7 +233,7 @@ def test_a_plant_has_its_dead_times(form: list[str], tmp_path: Path):
 
 
 def test_dead_times_and_derivatives_that_are_none_are_refused(tmp_path: Path):
-    for old, new_text, told in [
+    for old, new_text, message in [
         ("delay = [0.3, 0.07]", "delay = [0.3]", "number of delays = 1: must be 2"),
         ("delay = [0.3, 0.07]", "delay = [0.3, 0.002]", "delay[2] = 0.002: must be 0, or at least 1/100 of the longest"),
         ("delay = [0.3, 0.07]", "delay = [0.3, -1.0]", "delay[2] = -1"),
@@ -242,7 +242,7 @@ def test_dead_times_and_derivatives_that_are_none_are_refused(tmp_path: Path):
     ]:
         (tmp_path / "Late.toml").write_text(LATE.replace(old, new_text))
         made = subprocess.run([PROGRAM, "check", "Late.toml"], cwd=tmp_path, capture_output=True, text=True)
-        assert made.returncode == 1 and told in made.stderr, made.stderr
+        assert made.returncode == 1 and message in made.stderr, made.stderr
 
 
 def test_without_a_speed_of_its_own_a_plant_needs_one(tmp_path: Path):

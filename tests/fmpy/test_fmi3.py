@@ -368,9 +368,9 @@ def test_event_mode_takes_the_delay_out_of_a_loop(fmu3: Callable[[str], Fmu3], r
     continuous, of_fmi_2 = peaks("--composite"), peaks("--order", "jacobi", "--step", 0.004)
     assert found[0] == pytest.approx(continuous[0], rel=0.03)
     assert np.all(found - continuous <= 0.4 * (of_fmi_2 - continuous)) and np.all(of_fmi_2 > 1.5 * continuous)
-    told = re.findall(r"^\| .* \| (\d+), (\d+) \|$", (ROOT / "docs" / "fmi3.md").read_text(), re.MULTILINE)
+    documented = re.findall(r"^\| .* \| (\d+), (\d+) \|$", (ROOT / "docs" / "fmi3.md").read_text(), re.MULTILINE)
     measured = [of_fmi_2, peaks("--order", "gauss-seidel", "--step", 0.004), found, continuous]
-    np.testing.assert_allclose(np.array(told, dtype=float), measured, rtol=0.01)
+    np.testing.assert_allclose(np.array(documented, dtype=float), measured, rtol=0.01)
 
 
 def test_a_whole_loop_is_one_fmu(tmp_path: Path, ran: Callable[..., Ran]) -> None:
@@ -483,4 +483,4 @@ def test_pointers_that_are_null_are_refused(fmu3: Callable[[str], Fmu3], capfd: 
             capfd.readouterr()
             with pytest.raises(FMICallException):
                 call()
-            assert "fmi3" in (told := "".join(capfd.readouterr())) and "a pointer is NULL" in told and "fmi2" not in told
+            assert "fmi3" in (output := "".join(capfd.readouterr())) and "a pointer is NULL" in output and "fmi2" not in output

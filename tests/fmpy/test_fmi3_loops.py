@@ -140,13 +140,13 @@ def test_a_trim_point_a_sweep_and_a_comparison_are_those_of_fmi_2(folders: dict[
     assert trimmed[0].returncode == 0, trimmed[0].stderr
     assert trimmed[1].stdout == trimmed[0].stdout
     for words in (["sweep", LOOP, "--over", "plant.m1=1,1.2"], ["compare", LOOP, f"other={LOOP}:plant.m1=1.1"]):
-        told = []
+        messages = []
         for version in (2, 3):
             options = ["--fmus", folders[version], "--order", "jacobi", "--until", "0.2", "--step", "0.002"]
             answer = adaptive_fmu(*words, *options, "--out", tmp_path / str(version), "--json")
             assert answer.returncode in (0, 3), answer.stderr
-            told.append(re.sub(rf'"[^"]*{re.escape(str(tmp_path))}[^"]*"|"seconds":[^,}}]*', "", answer.stdout))
-        assert told[0] == told[1]
+            messages.append(re.sub(rf'"[^"]*{re.escape(str(tmp_path))}[^"]*"|"seconds":[^,}}]*', "", answer.stdout))
+        assert messages[0] == messages[1]
 
 
 def test_a_loop_is_made_of_fmus_of_fmi_3(folders: dict[int, Path], tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_what_is_exported_is_sound(folders: dict[int, Path]) -> None:
 
 def test_an_fmu_takes_the_place_of_the_other_version_with_a_line(tmp_path: Path) -> None:
     """And back; loops as archives are of FMI 2.0."""
-    for version, told in [
+    for version, message in [
         ("2", ""),
         ("3", "was an FMU of FMI 2.0, and is one of FMI 3.0 now"),
         ("3", ""),
@@ -190,7 +190,7 @@ def test_an_fmu_takes_the_place_of_the_other_version_with_a_line(tmp_path: Path)
     ]:
         exported = adaptive_fmu("export", "--fmi", version, "NonlinearSiso", "--out", tmp_path)
         assert exported.returncode == 0
-        assert told in exported.stderr if told else exported.stderr == ""
+        assert message in exported.stderr if message else exported.stderr == ""
         assert fmpy.read_model_description(tmp_path / "NonlinearSiso.fmu").fmiVersion == f"{version}.0"
     of_3 = adaptive_fmu("export", "--fmi", "3", "NonlinearSiso", "--out", tmp_path / "3")
     assert of_3.returncode == 0

@@ -303,8 +303,8 @@ def test_sizes_that_are_refused_leave_the_instance_as_it_was(made: Callable[...,
         assert "fmi3SetUInt64 is not allowed while the instance is instantiated" in refused(lambda: instance.setUInt64([0], [3]))
         instance.enterConfigurationMode()
         for value in (0, 201, 2**63):
-            told = refused(lambda value=value: instance.setUInt64([1, 0], [1, value]))
-            assert f"`n` (value reference 0) = {value} must be within 1 … 200" in told
+            error = refused(lambda value=value: instance.setUInt64([1, 0], [1, value]))
+            assert f"`n` (value reference 0) = {value} must be within 1 … 200" in error
         assert "nValues = 1, but these variables have 2 values" in refused(lambda: instance.setUInt64([0, 1], [1]))
         assert "value reference 7" in refused(lambda: instance.setUInt64([7], [1]))
         assert "fmi3SetFloat64 is not allowed while the instance is in Configuration Mode" in refused(

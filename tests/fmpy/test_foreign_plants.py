@@ -141,8 +141,8 @@ def test_the_page_leads_from_the_unit_to_the_run() -> None:
 @pytest.mark.parametrize("build", [C, PYTHON_FMU])
 def test_a_controller_is_begun_for_the_unit_and_the_loop_is_wired(build: Callable, begun: Callable) -> None:
     folder = begun(build)
-    told = command(COMMANDS[2], folder, "--force")
-    assert told.returncode == 0 and "connected inputs: 4; open inputs, each with a comment in the file: 0" in told.stdout, told
+    output = command(COMMANDS[2], folder, "--force")
+    assert output.returncode == 0 and "connected inputs: 4; open inputs, each with a comment in the file: 0" in output.stdout, output
     wired = (folder / "SystemStructure.ssd").read_text()
     assert wired.count("<ssd:Connection ") == 4 and "TO DECIDE" not in wired
     # The motor's limits are the controller's, where its description tells them.
@@ -159,9 +159,9 @@ def test_the_speed_follows_its_step_and_stays(
         pytest.skip("Python can't be unloaded: it runs in a process of its own")
     done = command(COMMANDS[-1], begun(build), *options, "--until", "2", "--json", "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["ended"] == "complete"
-    result = read_csv(Path(told["results"]) / "result.csv")
+    output = json.loads(done.stdout)
+    assert output["ended"] == "complete"
+    result = read_csv(Path(output["results"]) / "result.csv")
     time, speed = result["time"], result["plant.speed"]
     reference = result["reference.speed_reference"]
     assert time[-1] == 2.0 and np.all(reference[time > 1.001] == HEIGHT) and np.all(speed[time < 1.0] == 0.0)
@@ -169,7 +169,7 @@ def test_the_speed_follows_its_step_and_stays(
     assert speed.max() < 1.05 * HEIGHT
     if build is in_c:
         assert np.abs(result["controller.voltage"]).max() <= 12.0
-    labels = {metric["label"]: metric["value"] for metric in told["metrics"]}
+    labels = {metric["label"]: metric["value"] for metric in output["metrics"]}
     errors = [value for label, value in labels.items() if label.startswith("rms (speed - speed_reference)")]
     assert len(errors) == 1 and abs(errors[0] - np.sqrt(np.mean((speed - reference) ** 2))) < 1e-9
 

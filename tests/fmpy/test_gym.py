@@ -71,10 +71,10 @@ def test_a_loop_that_fails_ends_the_episode_with_the_penalty() -> None:
     env = environment(until=10.0, penalty=-100.0)
     env.reset()
     for _ in range(1000):
-        _, got, over, cut, told = env.step(np.array([5.0]))
+        _, got, over, cut, info = env.step(np.array([5.0]))
         if over or cut:
             break
-    assert over and got == -100.0 and "message" in told
+    assert over and got == -100.0 and "message" in info
     observation, _ = env.reset()
     assert np.isfinite(observation).all() and not env.step(np.array([0.0]))[2]
     env.close()

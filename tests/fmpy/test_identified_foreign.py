@@ -71,8 +71,8 @@ def record(folder: Path, fmu: Path, given: np.ndarray, step: float, signals: lis
     times = step * np.arange(rows)
     np.savetxt(folder / "levels.csv", np.column_stack([times, given]), delimiter=",", header=f"time,{signal}", comments="", fmt="%.9g")
     words = ["--input", "levels.csv", "--step", str(step), "--until", f"{times[-1]:.9g}", "--out", "simulated", "--json"]
-    told = json.loads(done(folder, "simulate", fmu, *words))
-    result = read_csv(folder / told["results"] / "result.csv")
+    output = json.loads(done(folder, "simulate", fmu, *words))
+    result = read_csv(folder / output["results"] / "result.csv")
     assert len(result["time"]) == rows and np.allclose(result["time"], times)
     rng = np.random.default_rng([NUMBER, 40])
     measured = np.stack([result[name] for name in states], 1) + rng.normal(size=(rows, len(states))) * noise
@@ -86,9 +86,9 @@ def in_a_loop(folder: Path, fmu: Path, output: str, reference: float, until: flo
     done(folder, "new", "reference", "--name", "R", *words)
     done(folder, "new", "loop", "--units", fmu, "C.toml", "R.toml", "--out", "loop")
     assert "TO DECIDE" not in (folder / "loop" / "SystemStructure.ssd").read_text()
-    told = json.loads(done(folder, "run", "loop", "--until", str(until), "--json", "--out", "results"))
-    assert told["ended"] == "complete"
-    return read_csv(folder / told["results"] / "result.csv")
+    output = json.loads(done(folder, "run", "loop", "--until", str(until), "--json", "--out", "results"))
+    assert output["ended"] == "complete"
+    return read_csv(folder / output["results"] / "result.csv")
 
 
 @C_ONLY
@@ -157,8 +157,8 @@ def test_a_parameter_of_an_oven_in_python_is_found(tmp_path: Path) -> None:
     rng = np.random.default_rng([NUMBER, 43])
     record(tmp_path, fmu, levels(rng, 150, 200, 500, 20), 10.0, ["power", "element", "chamber"], [0.5, 0.1])
     words = ["--inputs", "power", "--outputs", "element,chamber", "--free", "loss=0.5:20", "--set", "loss=6", "--offset", "none", "--json"]
-    told = json.loads(done(tmp_path, "identify", "record.csv", "--fmu", fmu, "--in-process", *words))
-    [loss] = told["parameters"]
+    output = json.loads(done(tmp_path, "identify", "record.csv", "--fmu", fmu, "--in-process", *words))
+    [loss] = output["parameters"]
     assert abs(loss["value"] - 4.0) < 5 * loss["error"] and loss["error"] < 0.05, (NUMBER, loss)
     model = json.loads((tmp_path / "model.json").read_text())
     errors = dict(zip(map(tuple, model["free"]), np.sqrt(np.diag(model["covariance"])), strict=True))
@@ -185,10 +185,10 @@ def test_an_event_of_an_oven_in_python_changes_its_loss(tmp_path: Path) -> None:
     after = solve_ivp(rates, (when, 600.0), before.y[:, -1], t_eval=times[times >= when], rtol=1e-9)
     expected = np.concatenate([before.y[1], after.y[1, 1:]])
     event, rows = ["--step", "1", "--until", "600", "--out", "results", "--json"], {}
-    told = json.loads(done(tmp_path, "simulate", fmu, "--event", f"{when}: loss={loss}", *event))
-    rows["alone"] = read_csv(tmp_path / told["results"] / "result.csv")["chamber"]
+    output = json.loads(done(tmp_path, "simulate", fmu, "--event", f"{when}: loss={loss}", *event))
+    rows["alone"] = read_csv(tmp_path / output["results"] / "result.csv")["chamber"]
     done(tmp_path, "new", "loop", "--units", f"oven={fmu}", "--out", "loop")
-    told = json.loads(done(tmp_path, "run", "loop", "--event", f"{when}: oven.loss={loss}", *event))
-    rows["loop"] = read_csv(tmp_path / told["results"] / "result.csv")["oven.chamber"]
+    output = json.loads(done(tmp_path, "run", "loop", "--event", f"{when}: oven.loss={loss}", *event))
+    rows["loop"] = read_csv(tmp_path / output["results"] / "result.csv")["oven.chamber"]
     for where, chamber in rows.items():
         np.testing.assert_allclose(chamber, expected, atol=0.01, err_msg=f"{where} {NUMBER}")

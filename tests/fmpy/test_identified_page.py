@@ -40,7 +40,7 @@ def recorded(folder: Path, rng: np.random.Generator, rows: int = 700, h: float =
 
 def diagrams(page: str) -> dict[str, dict]:
     found = re.findall(r'<script type="application/json">(.*?)</script>', page, flags=re.S)
-    return {told["title"]: told for told in map(json.loads, found)}
+    return {diagram["title"]: diagram for diagram in map(json.loads, found)}
 
 
 def test_simulated_curves_are_those_of_the_model(tmp_path: Path) -> None:
@@ -57,8 +57,8 @@ def test_simulated_curves_are_those_of_the_model(tmp_path: Path) -> None:
     held = len(table) - round(0.3 * len(table))
     found = diagrams(page)
     for i, name in enumerate(["position", "speed"]):
-        told = {curve["name"]: curve for curve in found[f"{name}, record.csv"]["curves"]}
-        assert list(told) == ["simulated", "simulated, held out", "measured"]
+        curves = {curve["name"]: curve for curve in found[f"{name}, record.csv"]["curves"]}
+        assert list(curves) == ["simulated", "simulated, held out", "measured"]
         for curve, rows in (("simulated", slice(0, held)), ("simulated, held out", slice(held, None))):
             part = table.iloc[rows]
             # Initial state and constant of each part by least squares, weighted by the noise of each signal.
@@ -74,7 +74,7 @@ def test_simulated_curves_are_those_of_the_model(tmp_path: Path) -> None:
             rest = measured - np.concatenate(forced_all)
             best = np.linalg.lstsq(matrix * weights[:, None], rest * weights, rcond=None)[0]
             expected = (np.concatenate(forced_all) + matrix @ best).reshape(-1, 2)[:, i]
-            shown = told[curve]
+            shown = curves[curve]
             at = np.round(np.array(shown["x"]) / 0.05).astype(int) - (rows.start or 0)
             # The simulation weighs signals by output error's noise, which is not that of the model where the innovation form counts.
             tolerance = 0.05 * np.std(measured.reshape(-1, 2)[:, i] - expected) + 1e-5
@@ -146,11 +146,11 @@ def test_a_page_of_parameters_shows_the_fmu_and_its_linear_model(tmp_path: Path)
     again = program(tmp_path, "identify", "named.csv", *words, "--out", "other.json")
     assert again.returncode == 1 and "it.html: the file exists" in again.stderr, again.stderr
     # In Python the same numbers.
-    told = adaptive_fmu.estimate(plant, tmp_path / "named.csv", "u[1]", ["y[1]", "y[2]"], free=["A[2,1]", "B[2,1]"])
+    estimated = adaptive_fmu.estimate(plant, tmp_path / "named.csv", "u[1]", ["y[1]", "y[2]"], free=["A[2,1]", "B[2,1]"])
     model = json.loads((tmp_path / "model.json").read_text())
-    assert told.model == model and told.text == (tmp_path / "model.json").read_text()
-    assert told.parameter_set == (tmp_path / "model.ssv").read_text()
-    assert told.values == {name: value for name, value in zip(["A[2,1]", "B[2,1]"], [model["A"][1][0], model["B"][1][0]], strict=True)}
+    assert estimated.model == model and estimated.text == (tmp_path / "model.json").read_text()
+    assert estimated.parameter_set == (tmp_path / "model.ssv").read_text()
+    assert estimated.values == {name: value for name, value in zip(["A[2,1]", "B[2,1]"], [model["A"][1][0], model["B"][1][0]], strict=True)}
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the page was not opened in a browser")

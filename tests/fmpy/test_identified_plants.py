@@ -68,24 +68,24 @@ def test_a_model_follows_what_was_held_out_or_the_reason_is_said(name: str, draw
         # Noise may hide an entry of those, and nothing else.
         assert name not in LINEAR or all("this record doesn't show it" in reason for reason in reasons), (NUMBER, reasons)
     model = json.loads((tmp_path / "model.json").read_text())
-    told = np.array(model["fit"]["held_out"])
-    if not len(told):
+    reported = np.array(model["fit"]["held_out"])
+    if not len(reported):
         # An estimate that isn't stable is simulated through short windows only.
         assert done.returncode == 3 and np.linalg.eigvals(np.array(model["A"])).real.max() > 0, NUMBER
         return
-    for signal, fit in zip(model["states"], told, strict=True):
+    for signal, fit in zip(model["states"], reported, strict=True):
         line = next(line for line in done.stdout.splitlines() if line.startswith(f"{signal} "))
         assert abs(float(line.split()[1]) - fit) < 0.06
     # As computed anew, and at least half of what noise leaves.
     held = measured[round(0.7 * ROWS) :]
     ceiling = 100 * (1 - noise / held.std(0))
     again = held_out(model, plant.step, u, measured)
-    print("fit", told.round(2), "again", again.round(2), "of", ceiling.round(2))
-    assert np.abs(told - again).max() < 0.2, (NUMBER, told, again)
+    print("fit", reported.round(2), "again", again.round(2), "of", ceiling.round(2))
+    assert np.abs(reported - again).max() < 0.2, (NUMBER, reported, again)
     if done.returncode == 0:
-        assert (told > 0.5 * ceiling).all(), (NUMBER, told, ceiling)
+        assert (reported > 0.5 * ceiling).all(), (NUMBER, reported, ceiling)
     if name in LINEAR:
-        assert (told > ceiling - 0.15 * (100 - ceiling) - 0.2).all(), (NUMBER, told, ceiling)
+        assert (reported > ceiling - 0.15 * (100 - ceiling) - 0.2).all(), (NUMBER, reported, ceiling)
 
 
 def test_a_satellite_keeps_its_momentum_and_the_record_shows_nothing_across_it(tmp_path: Path) -> None:

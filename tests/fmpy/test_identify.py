@@ -39,15 +39,15 @@ def test_the_table_and_json_say_the_same(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 1)
     A, B = motor(rng)
     written(tmp_path, record(rng, A, B))
-    told = json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json").stdout)
+    output = json.loads(program(tmp_path, "identify", "record.csv", *SIGNALS, "--json").stdout)
     text = program(tmp_path, "identify", "record.csv", *SIGNALS, "--force").stdout
-    assert told["model"] == json.loads((tmp_path / "model.json").read_text())
-    for entry in told["entries"]:
+    assert output["model"] == json.loads((tmp_path / "model.json").read_text())
+    for entry in output["entries"]:
         matrix, i, j = entry["entry"]
         line = next(line for line in text.splitlines() if line.startswith(f"{matrix}[{i},{j}] "))
         value = float(line.split()[-2])
         assert value == pytest.approx(entry["value"], rel=1e-5)
-    for finding in told["findings"]:
+    for finding in output["findings"]:
         assert finding["text"] in text
 
 

@@ -34,18 +34,18 @@ def entry(file: Path, name: str) -> str:
 
 def test_info_tells_what_the_fmu_was_built_of(fmu) -> None:
     plant = fmu(PLANT)
-    told = info(plant.path)
+    output = info(plant.path)
     compiler = subprocess.run(["rustc", "--version"], capture_output=True, text=True, check=True).stdout.strip()
-    build = told["build"]
-    assert build["package"] == f"adaptive-fmu {build['version']}" == told["generationTool"]
+    build = output["build"]
+    assert build["package"] == f"adaptive-fmu {build['version']}" == output["generationTool"]
     assert (build["target"], build["compiler"]) == ("x86_64-unknown-linux-gnu", compiler)
     assert len(build["source"]) == 16 and int(build["source"], 16) and build["optimised"]
     assert build == json.loads(entry(plant.path, "resources/build.json"))
-    assert (told["interfaces"], told["platforms"]) == (["co-simulation", "model exchange"], ["linux64"])
-    assert (told["sourceCode"], told["parameterSets"]) == (False, [])
+    assert (output["interfaces"], output["platforms"]) == (["co-simulation", "model exchange"], ["linux64"])
+    assert (output["sourceCode"], output["parameterSets"]) == (False, [])
     with zipfile.ZipFile(plant.path) as archive:
-        assert told["unpackedSize"] == sum(file.file_size for file in archive.infolist())
-    assert told["size"] == plant.path.stat().st_size
+        assert output["unpackedSize"] == sum(file.file_size for file in archive.infolist())
+    assert output["size"] == plant.path.stat().st_size
 
 
 def test_info_reads_the_build_that_lies_in_the_archive(fmu, tmp_path: Path) -> None:
@@ -59,10 +59,10 @@ def test_info_reads_the_build_that_lies_in_the_archive(fmu, tmp_path: Path) -> N
         changed.writestr("binaries/win64/Other.dll", "x")
         changed.writestr("sources/all.c", "x")
         changed.writestr("resources/high.ssv", "x")
-    told = info(other)
-    assert (told["build"]["package"], told["build"]["target"]) == ("their_plant 7.1.0", "riscv")
-    assert (told["platforms"], told["sourceCode"]) == (["linux64", "win64"], True)
-    assert told["parameterSets"] == ["resources/high.ssv"]
+    output = info(other)
+    assert (output["build"]["package"], output["build"]["target"]) == ("their_plant 7.1.0", "riscv")
+    assert (output["platforms"], output["sourceCode"]) == (["linux64", "win64"], True)
+    assert output["parameterSets"] == ["resources/high.ssv"]
     shown = adaptive_fmu("info", other).stdout
     for words in ["their_plant 7.1.0", "riscv", "platforms: linux64, win64, and source code", "resources/high.ssv"]:
         assert words in shown
@@ -73,9 +73,9 @@ def test_info_of_an_fmu_of_another_tool_says_what_isnt_in_it(tmp_path: Path) -> 
     with zipfile.ZipFile(foreign, "w") as archive:
         archive.writestr("modelDescription.xml", FOREIGN)
         archive.writestr("resources/build.json", "not what it seems")
-    told = info(foreign)
-    assert (told["build"], told["source"], told["platforms"]) == (None, None, [])
-    assert (told["interfaces"], told["generationTool"]) == (["model exchange"], "")
+    output = info(foreign)
+    assert (output["build"], output["source"], output["platforms"]) == (None, None, [])
+    assert (output["interfaces"], output["generationTool"]) == (["model exchange"], "")
     shown = adaptive_fmu("info", foreign)
     assert shown.returncode == 0
     for words in ["an unnamed tool", "no information about its build", "not in it", "platforms: none", "model exchange"]:

@@ -254,8 +254,8 @@ def test_the_plant_without_its_controller_ends_with_an_error_where_its_equations
         time += 0.1
     assert state(plant) == pytest.approx(exact(lambda _: 0.0, 2.0), rel=1e-4)
     refused(plant.step, time, 1.0)
-    told = [float(word) for word in plant.messages[-1].text.replace(":", " ").split() if word[:3] == f"{pole:.1f}"]
-    assert told and told[0] == pytest.approx(pole, abs=1e-4)
+    numbers = [float(word) for word in plant.messages[-1].text.replace(":", " ").split() if word[:3] == f"{pole:.1f}"]
+    assert numbers and numbers[0] == pytest.approx(pole, abs=1e-4)
 
 
 def test_a_discarded_step_tells_up_to_when_it_is_right(unit) -> None:

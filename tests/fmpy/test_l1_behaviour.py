@@ -17,7 +17,7 @@ def rms(r: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean((r - x[:, : r.shape[1]]) ** 2, axis=0))
 
 
-def told(loop: Separate, category: str) -> list[str]:
+def messages_of(loop: Separate, category: str) -> list[str]:
     return [message.text for message in loop.controller.messages if message.category == category]
 
 
@@ -33,7 +33,7 @@ def test_a_step_too_long_for_the_control_is_shown_and_told_once_with_one_to_try(
     loop.run(100, 1e-3, after=look)
     limit = loop.controller["step_move_limit"]
     assert any(shown) and not all(shown) and shown == [part > limit for part in parts]
-    (text,) = told(loop, "logStepTooLong")
+    (text,) = messages_of(loop, "logStepTooLong")
     first = next(part for part in parts if part > limit)
     part, step, of_limit, better = map(float, re.findall(r"\d+\.\d+(?:e-?\d+)?", text))
     assert (part, step, of_limit) == (pytest.approx(first, abs=0.005), 1e-3, limit)
@@ -78,7 +78,7 @@ def test_estimates_at_their_bounds_are_counted_and_told_once(unit) -> None:
 
     loop.run(1000, 1e-3, after=count)
     assert counts == expected and max(counts) > 0 and min(counts) == 0
-    assert len(told(loop, "logProjection")) == 1
+    assert len(messages_of(loop, "logProjection")) == 1
 
 
 LIMITS = np.array([80.0, 60.0])

@@ -74,8 +74,8 @@ CASES = [(loop, order) for loop in TRACKING for order in BOTH if order in HIGHER
 
 @pytest.mark.parametrize(("loop", "order"), CASES)
 def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one(ran, loop: str, order: str) -> None:
-    told, table = ran(loop, "--order", order)
-    assert told["ended"] == "complete"
+    output, table = ran(loop, "--order", order)
+    assert output["ended"] == "complete"
     _, whole = ran(loop, *WHOLE)
     for value, expected in zip(tracking(loop, table), tracking(loop, whole), strict=True):
         assert abs(value - expected) <= max(0.02 * expected, 2e-4)
@@ -89,17 +89,17 @@ def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one
 @pytest.mark.parametrize(("loop", "step"), [("3.3.1-case1", 1e-4), ("3.3.1-case2", 1e-3)])
 def test_the_robots_own_step_is_told_to_cost_per_cents_of_its_torques_and_a_quarter_of_it_is_not(ran, loop, step) -> None:
     for part, flagged in [(1, True), (4, False)]:
-        told, table = ran(loop, "--until", 1, "--step", step / part)
+        output, table = ran(loop, "--until", 1, "--step", step / part)
         _, whole = ran(loop, "--composite", "--until", 1, "--step", step / part)
         higher = [high / right - 1 for high, right in zip(peaks(loop, table), peaks(loop, whole), strict=True)]
         assert table["controller.step_too_long"].any() == flagged == (max(higher) > 0.01)
-        assert any("within a communication step" in warning for warning in told["warnings"]) == flagged
+        assert any("within a communication step" in warning for warning in output["warnings"]) == flagged
 
 
 @pytest.mark.parametrize("loop", TRACKING)
 def test_at_its_own_step_and_order_a_loop_keeps_its_limits(ran, loop: str) -> None:
-    told, _ = ran(loop, "--order", "gauss-seidel")
-    limits = [metric for metric in told["metrics"] if metric["limit"] is not None]
+    output, _ = ran(loop, "--order", "gauss-seidel")
+    limits = [metric for metric in output["metrics"] if metric["limit"] is not None]
     assert limits and all(metric["value"] <= metric["limit"] for metric in limits)
 
 
@@ -136,12 +136,12 @@ def test_a_fast_adaptation_is_followed_at_every_step(ran, step: float) -> None:
 def test_separate_units_that_diverge_end_with_an_error_that_names_a_variable_and_the_time(fmu_folder, tmp_path) -> None:
     answer = adaptive_fmu("run", "4-case3", "--fmus", fmu_folder, "--out", tmp_path)
     assert answer.returncode == 1
-    told = re.search(r"(x\[\d\]|u\[1\]) = (-?[\d.e]+) at t = ([\d.]+) s", answer.stderr)
-    assert told, answer.stderr
+    match = re.search(r"(x\[\d\]|u\[1\]) = (-?[\d.e]+) at t = ([\d.]+) s", answer.stderr)
+    assert match, answer.stderr
     # Beyond any use, and on its way to infinity: what is followed there takes all the work that a step may.
-    assert abs(float(told[2])) > 1e4 and float(told[3]) == pytest.approx(0.119, abs=0.007)
+    assert abs(float(match[2])) > 1e4 and float(match[3]) == pytest.approx(0.119, abs=0.007)
     table = read_csv(tmp_path / "4-case3" / "result.csv")
-    assert table["time"][-1] <= float(told[3])
+    assert table["time"][-1] <= float(match[3])
     assert all(np.isfinite(column).all() and np.abs(column).max() <= 1e12 for column in table.values())
 
 
@@ -149,15 +149,15 @@ def test_the_loop_as_one_unit_that_diverges_ends_with_an_error_at_that_time(tmp_
     # Before it escapes it oscillates at 1e8 rad/s: this takes all the substeps that a communication step may have.
     answer = adaptive_fmu("run", "4-case3", "--composite", "--until", 1, "--out", tmp_path)
     assert answer.returncode == 1
-    told = re.search(r"reached only t = ([\d.]+) s|at t = ([\d.]+) s: the simulation diverges", answer.stderr)
-    assert told, answer.stderr
-    assert float(told[1] or told[2]) == pytest.approx(0.119, abs=1e-3)
+    match = re.search(r"reached only t = ([\d.]+) s|at t = ([\d.]+) s: the simulation diverges", answer.stderr)
+    assert match, answer.stderr
+    assert float(match[1] or match[2]) == pytest.approx(0.119, abs=1e-3)
     assert read_csv(tmp_path / "4-case3-composite" / "result.csv")["time"][-1] <= 0.12
 
 
 def test_with_a_fuzzy_gain_the_desired_dynamics_that_the_plain_loop_diverges_with_are_followed(ran) -> None:
-    told, table = ran("4-case3-fuzzy")
-    assert told["ended"] == "complete" and all(m["limit"] is None or m["value"] <= m["limit"] for m in told["metrics"])
+    output, table = ran("4-case3-fuzzy")
+    assert output["ended"] == "complete" and all(m["limit"] is None or m["value"] <= m["limit"] for m in output["metrics"])
     largest = np.abs((table["reference.r[1]"] - table["plant.y[1]"])[table["time"] >= 5.0]).max()
     _, whole = ran("4-case3-fuzzy", "--composite", "--until", 2)
     assert round(largest, 4) <= 0.0369
@@ -192,10 +192,10 @@ def test_one_tuned_gain_without_inference_is_better_than_tuned_output_sets(ran) 
 
 @pytest.mark.parametrize(("case", "peak"), [("tuned", 11.1), ("two-level", 11.6)])
 def test_tuned_or_without_inference_the_loop_tracks_alike_and_has_no_higher_peaks(ran, case: str, peak: float) -> None:
-    told, table = ran("4-case1-fuzzy", "--case", f"{case}.ssv")
+    output, table = ran("4-case1-fuzzy", "--case", f"{case}.ssv")
     assert round(tracking("4-case1-fuzzy", table)[0], 4) == 0.0725
     assert round(peaks("4-case1-fuzzy", table)[0], 1) == peak
-    assert all(metric["limit"] is None or metric["value"] <= metric["limit"] for metric in told["metrics"])
+    assert all(metric["limit"] is None or metric["value"] <= metric["limit"] for metric in output["metrics"])
 
 
 def test_the_parameter_set_of_the_output_sets_is_where_they_start(ran) -> None:

@@ -249,7 +249,7 @@ def test_a_part_of_a_league_has_no_advice_on_what_was_not_run(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ('"plant.y[1]", "ref', '"plant.z[1]", "ref', "no output `plant.z[1]`"),
         ('uncertain = ["B"]', 'uncertain = ["Q"]', "no parameter `Q`"),
@@ -269,13 +269,13 @@ def test_a_part_of_a_league_has_no_advice_on_what_was_not_run(tmp_path: Path) ->
         ("step = 0.002", 'step = 0.002\nfault = { "plant.C" = 0.0 }', "no variable `plant.C`"),
     ],
 )
-def test_what_is_wrong_with_a_study_is_told_before_anything_runs(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_what_is_wrong_with_a_study_is_told_before_anything_runs(tmp_path: Path, old: str, new: str, message: str) -> None:
     file = study(tmp_path)
     text = file.read_text()
     assert old in text
     file.write_text(text.replace(old, new))
     answer = adaptive_fmu("league", "--study", file, "--out", tmp_path / "out")
-    assert answer.returncode == 1 and told in answer.stderr, answer.stderr
+    assert answer.returncode == 1 and message in answer.stderr, answer.stderr
     assert not (tmp_path / "out" / "integrator").exists(), "nothing was computed"
 
 
@@ -326,9 +326,9 @@ def test_advice_is_borne_out_and_told_alike_everywhere(results: dict) -> None:
             yield f"{indent}- {line['when']}: " + (f"**{line['take']}** – {line['because']}." if line["take"] else "")
             yield from tree(line["within"], indent + "    ")
 
-    told = [line.rstrip() for line in tree(results["advice"], "")]
-    assert len(told) >= 12
-    assert "\n".join(told) in (ROOT / "docs" / "league.md").read_text()
+    printed = [line.rstrip() for line in tree(results["advice"], "")]
+    assert len(printed) >= 12
+    assert "\n".join(printed) in (ROOT / "docs" / "league.md").read_text()
 
 
 def test_the_readme_quotes_the_results(results: dict) -> None:
@@ -410,10 +410,10 @@ def test_plain_mrac_is_as_the_documentation_tells(results: dict) -> None:
     def median(pair: str) -> float:
         return sorted(math.inf if error is None else error for error in records[pair]["spread"]["errors"])[49]
 
-    for plant, told in [("siso", "{} times that of `l1` on 3.2.1"), ("robot", "{} times on the robot"), ("coupled", "{} times on 6.5.1")]:
+    for plant, sentence in [("siso", "{} times that of `l1` on 3.2.1"), ("robot", "{} times on the robot"), ("coupled", "{} times on 6.5.1")]:
         assert all(error is not None for error in records[f"{plant}/mrac"]["spread"]["errors"]), plant
         ratio = median(f"{plant}/mrac") / median(f"{plant}/l1")
-        assert told.format(f"{ratio:.2f}") in page, (plant, ratio)
+        assert sentence.format(f"{ratio:.2f}") in page, (plant, ratio)
 
 
 def test_each_result_says_when_it_was_computed(results: dict, tmp_path: Path) -> None:

@@ -180,10 +180,10 @@ def test_of_many_steady_states_one_is_found_and_it_is_said_so(fmu, fmu_folder) -
 
 def test_where_there_is_no_steady_state_what_remains_is_told() -> None:
     # 2 u + sin u sin x1 + x1² > 0 for u = 1.
-    assert "der(x[2])" in (told := fails(PLANT, "--steady-state", "--set", "u[1]=1")) and "steady state" in told
+    assert "der(x[2])" in (error := fails(PLANT, "--steady-state", "--set", "u[1]=1")) and "steady state" in error
     # The controller's reference asks for another output than the one that its inputs hold.
-    told = fails(CONTROLLER, "--steady-state", "--set", "r[1]=1", "--set", "x[1]=0.5")
-    assert "remain" in told and "A is singular" in told and "of 7" in told
+    error = fails(CONTROLLER, "--steady-state", "--set", "r[1]=1", "--set", "x[1]=0.5")
+    assert "remain" in error and "A is singular" in error and "of 7" in error
 
 
 @pytest.mark.parametrize("name", sample.FMUS)
@@ -209,9 +209,9 @@ def test_every_fmu_is_linearised_as_json_of_one_shape(name: str, fmu, fmu_folder
 def test_eigenvalues_are_those_of_the_matrix() -> None:
     linear = linearise(CONTROLLER, "--at", "0.0125", **EXCITED)
     expected = np.linalg.eigvals(np.array(linear["A"]))
-    told = np.array([complex(e["real"], e["imaginary"]) for e in linear["eigenvalues"]])
-    assert len(told) == len(expected) == 7 and (np.diff(np.abs(told)) >= 0.0).all()
-    assert np.abs(told[:, None] - expected).min(axis=1).max() <= 1e-9 * np.abs(expected).max()
+    reported = np.array([complex(e["real"], e["imaginary"]) for e in linear["eigenvalues"]])
+    assert len(reported) == len(expected) == 7 and (np.diff(np.abs(reported)) >= 0.0).all()
+    assert np.abs(reported[:, None] - expected).min(axis=1).max() <= 1e-9 * np.abs(expected).max()
 
 
 def test_the_table_names_everything() -> None:
@@ -272,8 +272,8 @@ def test_a_loop_of_ones_own_is_linearised_too(tmp_path: Path) -> None:
     assert linearise(folder) == expected == linearise(folder / "SystemStructure.ssd")
     assert adaptive_fmu("export", "--ssp", LOOPS[0], "--out", tmp_path).returncode == 0
     assert linearise(tmp_path / f"{LOOPS[0]}.ssp") == expected
-    told = fails(LOOPS[0], "--set", "x0[1]=1")
-    assert "x0[1]" in told and "plant.x0[1]" in told
+    error = fails(LOOPS[0], "--set", "x0[1]=1")
+    assert "x0[1]" in error and "plant.x0[1]" in error
 
 
 def changed(file: Path, target: Path, old: str, new: str) -> Path:
@@ -308,14 +308,14 @@ def test_an_fmu_without_model_exchange_has_no_steady_state(fmu_folder: Path, tmp
 
 
 def test_what_cant_be_linearised_is_told(tmp_path: Path) -> None:
-    told = fails("NonlinearSisso")
-    assert all(word in told for word in ["FMU or loop", "NonlinearSisso", "did you mean `NonlinearSiso`?"])
+    error = fails("NonlinearSisso")
+    assert all(word in error for word in ["FMU or loop", "NonlinearSisso", "did you mean `NonlinearSiso`?"])
     assert "gone.fmu" in fails(tmp_path / "gone.fmu")
     assert "gone.toml" in fails(tmp_path / "gone.toml")
-    assert "omgea" in (told := fails(PLANT, "--set", "omgea=1")) and "omega" in told
+    assert "omgea" in (error := fails(PLANT, "--set", "omgea=1")) and "omega" in error
     assert "x[1]" in fails(PLANT, "--set", "x[1]=1")
-    told = fails(PLANT, "--set", "omega=two")
-    assert all(word in told for word in ["omega", "two", "must be a finite number"])
+    error = fails(PLANT, "--set", "omega=two")
+    assert all(word in error for word in ["omega", "two", "must be a finite number"])
     assert "start time" in fails(PLANT, "--at=-1")
     for wrong in (["--set", "omega"], ["--at", "soon"], ["--at=nan"]):
         assert adaptive_fmu("linearise", PLANT, *wrong).returncode == 2

@@ -77,7 +77,7 @@ def read(results: Path) -> dict[str, np.ndarray]:
     return {name: table[name].to_numpy() for name in table.column_names}
 
 
-def told(results: Path) -> dict:
+def metrics_of(results: Path) -> dict:
     return json.loads((results / "metrics.json").read_text())
 
 
@@ -90,7 +90,7 @@ def long_run(words, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, flo
 
 def test_memory_does_not_grow_with_the_number_of_points(long_run, words, tmp_path: Path) -> None:
     short, of_short = ran(words(SHORT), tmp_path)
-    assert "drawn" not in told(short) and "points are drawn" not in (short / "index.html").read_text()
+    assert "drawn" not in metrics_of(short) and "points are drawn" not in (short / "index.html").read_text()
     _, of_longer = ran(words(LONGER), tmp_path, "--every", 1)
     assert long_run[1] < of_short + 40 and of_longer < long_run[1] + 5, (of_short, long_run[1], of_longer)
 
@@ -109,7 +109,7 @@ def test_every_point_is_in_both_tables(long_run) -> None:
 
 def test_metrics_are_of_all_points(long_run) -> None:
     results, _, table = long_run
-    largest, mean = (metric["value"] for metric in told(results)["metrics"])
+    largest, mean = (metric["value"] for metric in metrics_of(results)["metrics"])
     assert largest == np.abs(table["plant.y[1]"] - table["y_m"]).max()
     of_rows = table["plant.y[1]"][table["time"] >= 7 - 1e-9]
     assert mean == pytest.approx(np.sqrt(np.mean(of_rows**2)), rel=1e-12)
@@ -117,7 +117,7 @@ def test_metrics_are_of_all_points(long_run) -> None:
 
 def test_the_page_tells_how_many_points_it_draws_and_loses_no_peak(long_run) -> None:
     results, _, table = long_run
-    drawn, page = told(results)["drawn"], (results / "index.html").read_text()
+    drawn, page = metrics_of(results)["drawn"], (results / "index.html").read_text()
     assert drawn["of"] == LONG + 1 and 20_000 < drawn["points"] < LONG / 10
     assert f"{drawn['points']} of {LONG + 1} points are drawn" in page and "result.csv has all" in page
     assert len(page) < 500_000
@@ -137,7 +137,7 @@ def test_fewer_rows_are_those_of_a_run_that_is_kept(long_run, words, tmp_path: P
     rows = np.append(np.flatnonzero(np.diff(multiples, prepend=-1)), LONG)
     assert all(np.array_equal(few[name], values[np.unique(rows)]) for name, values in table.items())
     assert "result.csv has one row every 0.7004 s" in (results / "index.html").read_text()
-    assert told(results)["metrics"] == told(long_run[0])["metrics"]
+    assert metrics_of(results)["metrics"] == metrics_of(long_run[0])["metrics"]
 
 
 def test_an_interrupted_run_leaves_what_it_came_to(long_run, words, tmp_path: Path) -> None:
@@ -147,10 +147,10 @@ def test_an_interrupted_run_leaves_what_it_came_to(long_run, words, tmp_path: Pa
         pass
     process.send_signal(signal.SIGINT)
     answer = json.loads(process.communicate()[0])
-    assert (process.returncode, answer["ended"], told(part)["ended"]) == (130, "interrupted", "interrupted")
+    assert (process.returncode, answer["ended"], metrics_of(part)["ended"]) == (130, "interrupted", "interrupted")
     table, whole = read(part), long_run[2]
     count = min(len(table["time"]), LONG)
-    assert count > 100_000 and len(table["time"]) == told(part)["drawn"]["of"]
+    assert count > 100_000 and len(table["time"]) == metrics_of(part)["drawn"]["of"]
     assert all(np.array_equal(values[:count], whole[name][:count]) for name, values in table.items())
     assert [file.name for file in part.iterdir() if file.name.startswith(".")] == []
 

@@ -162,8 +162,8 @@ def test_a_single_value_prevails_and_may_name_the_fmu(loop, tmp_path) -> None:
     ],
 )
 def test_a_single_value_that_does_not_fit_is_refused(loop, value: str, words: list[str], tmp_path) -> None:
-    told = fails("run", loop, "--set", value, "--until", "0.1", "--out", tmp_path / "out")
-    assert all(word in told for word in words), told
+    error = fails("run", loop, "--set", value, "--until", "0.1", "--out", tmp_path / "out")
+    assert all(word in error for word in words), error
 
 
 def test_a_single_value_that_its_unit_refuses_ends_the_run_with_the_units_reason(loop, tmp_path) -> None:
@@ -172,8 +172,8 @@ def test_a_single_value_that_its_unit_refuses_ends_the_run_with_the_units_reason
 
 
 def test_a_single_value_beyond_its_units_limits_is_refused_before_the_run(loop, tmp_path) -> None:
-    told = fails("run", loop, "--set", "controller.adaptation_gain=-1", "--out", tmp_path / "out")
-    assert "--set controller.adaptation_gain=-1" in told and "must be at least 0" in told
+    error = fails("run", loop, "--set", "controller.adaptation_gain=-1", "--out", tmp_path / "out")
+    assert "--set controller.adaptation_gain=-1" in error and "must be at least 0" in error
 
 
 def test_an_input_left_open_is_a_warning(loop, tmp_path) -> None:
@@ -186,8 +186,8 @@ def test_an_input_left_open_is_a_warning(loop, tmp_path) -> None:
 
 def test_states_of_different_units_are_not_connected_unawares(loop, tmp_path) -> None:
     change(loop / "SystemStructure.ssd", 'startConnector="x[1]" endElement', 'startConnector="x[2]" endElement')
-    told = fails("run", loop, "--out", tmp_path)
-    assert all(word in told for word in ["line ", "plant.x[2]", "1/s", "controller.x[1]", "suppressUnitConversion"]), told
+    error = fails("run", loop, "--out", tmp_path)
+    assert all(word in error for word in ["line ", "plant.x[2]", "1/s", "controller.x[1]", "suppressUnitConversion"]), error
 
 
 def archive(file: Path, *entries: tuple[str, str | bytes]) -> Path:
@@ -222,6 +222,6 @@ def test_a_broken_or_hostile_archive_is_refused_and_writes_nothing_elsewhere(loo
     cases["no archive"] = (tmp_path / "no.ssp", "archive")
     cases["gone"] = (tmp_path / "gone.ssp", "gone.ssp")
     for name, (file, word) in cases.items():
-        told = fails("run", file, "--fmus", loop / "resources", "--out", tmp_path / "out")
-        assert word in told and told.count("\n") == 1, (name, told)
+        error = fails("run", file, "--fmus", loop / "resources", "--out", tmp_path / "out")
+        assert word in error and error.count("\n") == 1, (name, error)
     assert not list(tmp_path.rglob("escaped.txt")) and not (tmp_path / "out").exists()

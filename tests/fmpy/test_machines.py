@@ -150,14 +150,14 @@ def test_a_good_record_has_no_fault(name: str, made) -> None:
     """What is said of it is what is true: residuals are coloured where friction or curves aren't in the model."""
     of = made(name, 1)
     words = [*of.machine.signals, "--structure", "structure.toml", "--json", "--out", "again.json"]
-    told = json.loads(program(of.folder, "identify", "record.csv", *words).stdout)
-    print(name, told["findings"], "beyond the model", told["model"]["disturbance"], told["unmatched"])
-    assert {finding["kind"] for finding in told["findings"]} <= {"coloured_residuals"}, told["findings"]
-    assert told["model"] == of.model
+    output = json.loads(program(of.folder, "identify", "record.csv", *words).stdout)
+    print(name, output["findings"], "beyond the model", output["model"]["disturbance"], output["unmatched"])
+    assert {finding["kind"] for finding in output["findings"]} <= {"coloured_residuals"}, output["findings"]
+    assert output["model"] == of.model
     if name == "motor":
         # Friction acts on both speeds, and nothing on the current.
-        matched, unmatched = told["model"]["disturbance"], told["unmatched"]
-        assert max(matched) < 0.05 and 20 < unmatched[1] < 80 and 3 < unmatched[3] < 14, told
+        matched, unmatched = output["model"]["disturbance"], output["unmatched"]
+        assert max(matched) < 0.05 and 20 < unmatched[1] < 80 and 3 < unmatched[3] < 14, output
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -170,14 +170,14 @@ def test_the_machine_follows_its_reference(name: str, seed: int, made) -> None:
         rest = (motion.time >= line[0] + machine.settled) & (np.abs(motion.r - r) < 1e-12).all(1)
         off = (motion.x[rest][:, outputs] - r).mean(0)
         spread = motion.x[rest][:, outputs].std(0)
-        told = at_rest(of, r)
-        print(name, seed, r, "rms", error.round(5), "mean", off.round(5), "by equations", told.round(5), "spread", spread.round(5))
+        reported = at_rest(of, r)
+        print(name, seed, r, "rms", error.round(5), "mean", off.round(5), "by equations", reported.round(5), "spread", spread.round(5))
         # The cart sways slowly with noise: its mean over so short a time isn't 0.
         allowed = np.array(machine.error) * (1 if seed == 1 else 1.5)
         assert (spread < 2 * allowed).all(), (seed, spread)
         if machine is MOTOR:
             # Unmatched friction shifts its speed at rest.
-            assert (np.abs(off - told) < allowed).all(), (seed, off, told)
+            assert (np.abs(off - reported) < allowed).all(), (seed, off, reported)
             assert (error < 0.06 * np.abs(r)).all(), (seed, error)
         else:
             assert (error < 2 * allowed).all(), (seed, error)

@@ -75,7 +75,7 @@ def run(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
     """Runs a loop by the program, with these options, once; what it tells."""
     done: dict[tuple[str, ...], dict] = {}
 
-    def told(loop: str, *options: str | float) -> dict:
+    def run_json(loop: str, *options: str | float) -> dict:
         words = (loop, *map(str, options))
         if words not in done:
             fmus = [] if "--composite" in words else ["--fmus", fmu_folder]
@@ -84,15 +84,15 @@ def run(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
             done[words] = json.loads(answer.stdout)
         return done[words]
 
-    return told
+    return run_json
 
 
-def metrics(told: dict) -> dict[str, float]:
-    return {metric["label"]: metric["value"] for metric in told["metrics"]}
+def metrics(output: dict) -> dict[str, float]:
+    return {metric["label"]: metric["value"] for metric in output["metrics"]}
 
 
-def table(told: dict) -> dict[str, np.ndarray]:
-    return read_csv(Path(told["results"]) / "result.csv")
+def table(output: dict) -> dict[str, np.ndarray]:
+    return read_csv(Path(output["results"]) / "result.csv")
 
 
 def whole(run, loop: str) -> dict[str, float]:
@@ -110,19 +110,19 @@ def test_as_one_unit_a_loop_has_the_metrics_of_the_continuous_one(run, loop: str
 
 @pytest.mark.parametrize("loop", CONTINUOUS)
 def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one(run, loop: str) -> None:
-    told = run(loop)
-    assert told["ended"] == "complete"
-    found, expected = metrics(told), whole(run, loop)
+    output = run(loop)
+    assert output["ended"] == "complete"
+    found, expected = metrics(output), whole(run, loop)
     for label in TRACKING[loop]:
         assert abs(found[label] - expected[label]) <= max(0.02 * expected[label], 2e-4), (label, found[label])
 
 
 @pytest.mark.parametrize("loop", CONTINUOUS)
 def test_a_loop_keeps_its_limits_and_tells_of_a_step_that_is_too_long(run, loop: str) -> None:
-    told = run(loop)
-    limits = [metric for metric in told["metrics"] if metric["limit"] is not None]
+    output = run(loop)
+    limits = [metric for metric in output["metrics"] if metric["limit"] is not None]
     assert limits and all(metric["value"] <= metric["limit"] for metric in limits)
-    assert table(told)["controller.step_too_long"].any() == (loop in FLAGGED)
+    assert table(output)["controller.step_too_long"].any() == (loop in FLAGGED)
 
 
 @pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])

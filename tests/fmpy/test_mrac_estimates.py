@@ -40,8 +40,8 @@ def of_unit(loop: Fmu, bound: float, leakage: float) -> tuple[np.ndarray, int, l
             unit.step(start, end - start)
             rows.append([unit[name] for name in names])
             active += unit["controller.projection_active"] > 0
-        told = [message.text for message in unit.messages if message.category == "logProjection"]
-    return np.array(rows), active, told
+        messages = [message.text for message in unit.messages if message.category == "logProjection"]
+    return np.array(rows), active, messages
 
 
 def by_scipy(bound: float, leakage: float) -> np.ndarray:
@@ -75,14 +75,14 @@ def by_scipy(bound: float, leakage: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("bound", "leakage"), CASES)
 def test_the_estimates_are_those_that_scipy_finds(loop: Fmu, bound: float, leakage: float) -> None:
-    found, active, told = of_unit(loop, bound, leakage)
+    found, active, messages = of_unit(loop, bound, leakage)
     expected = by_scipy(bound, leakage)
     largest = np.abs(expected[:, :9]).max()
     assert np.abs(found[:, :9] - expected[:, :9]).max() < 1e-3 * largest
     assert np.abs(found[:, :9]).max() <= bound * (1 + 1e-6)
     is_bounded = largest > bound / np.sqrt(1.1)
-    assert (active > 0) == is_bounded and len(told) == is_bounded
-    assert all("theta_bound" in text and "theta_leakage" in text for text in told)
+    assert (active > 0) == is_bounded and len(messages) == is_bounded
+    assert all("theta_bound" in text and "theta_leakage" in text for text in messages)
     # At the start, of all of the run.
     parts = np.abs(found[:, 9:]) / (1.95 * np.exp(-1.5 * TIMES) + 0.05)[:, None]
     assert parts.max() == pytest.approx(0.4, abs=1e-9)

@@ -18,12 +18,12 @@ CHANNELS = (1, 2, 3)
 def run(loop: str, out: Path, *options: str | float | Path) -> tuple[dict, dict[str, np.ndarray]]:
     answer = adaptive_fmu("run", loop, *options, "--json", "--out", out)
     assert answer.returncode in (0, 3) and answer.stderr == "", answer
-    told = json.loads(answer.stdout)
-    return told, read_csv(Path(told["results"]) / "result.csv")
+    output = json.loads(answer.stdout)
+    return output, read_csv(Path(output["results"]) / "result.csv")
 
 
-def values(told: dict, label: str) -> list[float]:
-    return [metric["value"] for metric in told["metrics"] if label in metric["label"]]
+def values(output: dict, label: str) -> list[float]:
+    return [metric["value"] for metric in output["metrics"] if label in metric["label"]]
 
 
 def peaks(table: dict[str, np.ndarray]) -> list[float]:
@@ -69,9 +69,9 @@ def test_as_one_unit_the_control_has_the_peaks_of_the_continuous_loop(tmp_path: 
 
 
 def test_with_the_sign_of_the_adaptation_that_is_printed_here_the_nonlinear_loop_stays_inside(tmp_path: Path) -> None:
-    told, _ = run("6.5.2-mrac", tmp_path, "--composite", "--step", 1e-4)
-    largest = values(told, "/rho")
-    assert told["ended"] == "complete" and largest[1] == pytest.approx(0.903, abs=2e-3) and max(largest) < 1
+    output, _ = run("6.5.2-mrac", tmp_path, "--composite", "--step", 1e-4)
+    largest = values(output, "/rho")
+    assert output["ended"] == "complete" and largest[1] == pytest.approx(0.903, abs=2e-3) and max(largest) < 1
 
 
 def test_a_model_that_starts_from_rest_loses_the_nonlinear_loop_at_once_and_the_error_says_so(tmp_path: Path) -> None:
@@ -84,8 +84,8 @@ def test_a_model_that_starts_from_rest_loses_the_nonlinear_loop_at_once_and_the_
 @pytest.mark.parametrize("order", BOTH)
 @pytest.mark.parametrize("step", [0.01, 0.005, 0.001])
 def test_the_sampled_law_holds_the_loop_at_the_steps_of_a_real_tool(fmu_folder, tmp_path, order, step) -> None:
-    told, table = run("6.5.1-mrac", tmp_path, "--order", order, "--step", step, "--fmus", fmu_folder)
-    assert told["ended"] == "complete" and max(values(told, "/rho")) < 1
+    output, table = run("6.5.1-mrac", tmp_path, "--order", order, "--step", step, "--fmus", fmu_folder)
+    assert output["ended"] == "complete" and max(values(output, "/rho")) < 1
     late = table["time"] >= 2.0 - 1e-9
     for i in CHANNELS:
         # The ideal model's output, by the exact solution for a reference that is linear between the points.
@@ -103,8 +103,8 @@ def model_of(table: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def test_the_printed_gains_lose_the_nonlinear_loop_at_long_steps_and_hold_it_at_its_own(fmu_folder, tmp_path) -> None:
-    told, _ = run("6.5.2-mrac", tmp_path, "--until", 1, "--fmus", fmu_folder)
-    assert max(values(told, "/rho")) == pytest.approx(0.925, abs=5e-3)
+    output, _ = run("6.5.2-mrac", tmp_path, "--until", 1, "--fmus", fmu_folder)
+    assert max(values(output, "/rho")) == pytest.approx(0.925, abs=5e-3)
     refusal = adaptive_fmu("run", "6.5.2-mrac", "--step", 5e-4, "--fmus", fmu_folder, "--out", tmp_path).stderr
     assert "controller: " in refusal and "e[2] = " in refusal and "smaller communication step" in refusal
 
@@ -112,21 +112,21 @@ def test_the_printed_gains_lose_the_nonlinear_loop_at_long_steps_and_hold_it_at_
 @pytest.mark.parametrize("order", BOTH)
 def test_the_gains_for_co_simulation_hold_it_at_five_milliseconds(fmu_folder, tmp_path, order: str) -> None:
     options = ["--case", "cosimulation.ssv", "--step", 0.005, "--order", order, "--fmus", fmu_folder]
-    told, _ = run("6.5.2-mrac", tmp_path, *options)
-    assert told["ended"] == "complete" and max(values(told, "/rho")) < 1
+    output, _ = run("6.5.2-mrac", tmp_path, *options)
+    assert output["ended"] == "complete" and max(values(output, "/rho")) < 1
 
 
 def test_three_laws_are_compared_on_one_page(fmu_folder: Path, tmp_path: Path) -> None:
     loops = ["6.5.1-l1", "6.5.1-neuro", "6.5.1-mrac"]
     answer = adaptive_fmu("compare", *loops, "--until", 1, "--json", "--fmus", fmu_folder, "--out", tmp_path)
     assert answer.returncode == 0, answer
-    told = json.loads(answer.stdout)
-    assert [one["loop"] for one in told["loops"]] == loops
-    page = html.document_fromstring(Path(told["page"]).read_text())
+    output = json.loads(answer.stdout)
+    assert [one["loop"] for one in output["loops"]] == loops
+    page = html.document_fromstring(Path(output["page"]).read_text())
     rows = [[cell.text_content().strip() for cell in row] for row in page.get_element_by_id("metrics").iter("tr")]
     assert rows[0] == ["metric", *loops]
     measured = {row[0]: row[1:] for row in rows[1:]}
-    for one, column in zip(told["loops"], range(3), strict=True):
+    for one, column in zip(output["loops"], range(3), strict=True):
         for metric in one["metrics"]:
             shown = measured[metric["label"]][column]
             assert shown == "–" if metric["value"] is None else float(shown) == float(f"{metric['value']:.4g}")

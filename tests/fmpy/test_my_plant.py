@@ -12,7 +12,7 @@ from fmpy.validation import validate_fmu
 from master import Fmu, Unit
 from scipy.integrate import solve_ivp
 from test_command_line import fails
-from test_platforms import EXPORTED, OLDEST_GLIBC, asked, glibc, told
+from test_platforms import EXPORTED, OLDEST_GLIBC, asked, glibc, output_of
 
 pytestmark = pytest.mark.slow
 
@@ -197,7 +197,7 @@ def test_a_library_of_ones_own_asks_for_an_old_glibc_and_exports_only_what_it_sh
     assert glibc(library) <= OLDEST_GLIBC
     version = ".".join(map(str, glibc(library)))
     assert asked(mine["Ball"].path) == {"binaries/linux64/Ball.so": {"processor": "x86-64", "glibc": version}}
-    symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
+    symbols = {line.split()[-1] for line in output_of("nm", "-D", "--defined-only", library).splitlines()}
     assert symbols == EXPORTED
 
 
@@ -212,8 +212,8 @@ def test_a_set_point_out_of_reach_of_its_hysteresis_is_refused(mine, library, tm
     ]:
         assert old in text
         (tmp_path / "mine.toml").write_text(text.replace(old, new))
-        told = fails("export", tmp_path / "mine.toml", "--library", library, "--out", tmp_path / "out")
-        assert "mine.toml" in told and all(word in told for word in words), told
+        error = fails("export", tmp_path / "mine.toml", "--library", library, "--out", tmp_path / "out")
+        assert "mine.toml" in error and all(word in error for word in words), error
 
 
 def test_models_of_another_library_are_not_found_in_this_one(library, tmp_path) -> None:
@@ -235,13 +235,13 @@ def crate(folder: Path, models: str, dependency: str = "") -> subprocess.Complet
 
 
 @pytest.mark.parametrize(
-    ("models", "told"),
+    ("models", "message"),
     [("[VanDerPol, Rooms, VanDerPol]", "two models have the same NAME"), ("[]", "expected")],
     ids=["one model twice", "no model"],
 )
-def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, models: str, told: str) -> None:
+def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, models: str, message: str) -> None:
     answer = crate(tmp_path / "my_plant", models)
-    assert answer.returncode != 0 and told in answer.stderr, answer.stderr
+    assert answer.returncode != 0 and message in answer.stderr, answer.stderr
 
 
 def test_a_library_may_hold_models_of_this_package_beside_its_own(tmp_path: Path) -> None:
@@ -260,8 +260,8 @@ def test_a_library_of_another_version_or_none_at_all_is_named(tmp_path: Path) ->
     )
     library = tmp_path / "libstale.so"
     subprocess.run(["cc", "-shared", "-fPIC", source, "-o", library], check=True)
-    told = fails("export", "NonlinearSiso", "--library", library, "--out", tmp_path / "out")
-    assert "libstale.so" in told and "another version" in told and "Build it again" in told
+    error = fails("export", "NonlinearSiso", "--library", library, "--out", tmp_path / "out")
+    assert "libstale.so" in error and "another version" in error and "Build it again" in error
     assert "libgone.so" in fails("export", "NonlinearSiso", "--library", tmp_path / "libgone.so", "--out", tmp_path)
     assert "regular" in fails("export", "NonlinearSiso", "--library", tmp_path, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -32,9 +32,9 @@ MEANT = [
     ("arguments", "name", "many"), MEANT, ids=lambda value: " ".join(value) if isinstance(value, list) else ""
 )
 def test_a_wrong_name_tells_which_was_meant(arguments: list[str], name: str, many: bool, tmp_path: Path) -> None:
-    told = fails(*arguments, folder=tmp_path)
-    assert f"did you mean `{name}`?" in told
-    listed = told.split("There are: ")[1]
+    error = fails(*arguments, folder=tmp_path)
+    assert f"did you mean `{name}`?" in error
+    listed = error.split("There are: ")[1]
     assert len(listed.split(", ")) <= 9, "a list that nobody reads"
     assert (re.search(r", and \d+ more", listed) is not None) == many
     # Nothing was run, and nothing is left but the FMUs of a loop.
@@ -82,9 +82,9 @@ def test_what_is_wrong_in_a_description_is_told_with_its_line(before: str, after
     line = next(k for k, found in enumerate(text.splitlines(), 1) if key in found and found[:1] != "#")
     if '"l1x"' in after:
         line = next(k for k, found in enumerate(text.splitlines(), 1) if found.startswith("model"))
-    told = fails("check", tmp_path / "mine.toml")
-    assert f"mine.toml: line {line}" in told, told
-    assert [word for word in words if word not in told] == [], told
+    error = fails("check", tmp_path / "mine.toml")
+    assert f"mine.toml: line {line}" in error, error
+    assert [word for word in words if word not in error] == [], error
 
 
 SET = """<?xml version="1.0"?>
@@ -110,8 +110,8 @@ def test_what_is_wrong_in_a_parameter_set_is_told_with_its_line(tmp_path: Path) 
     # What the unit itself refuses: an upper bound below the lower one.
     file.write_text(SET.format("omega_max[1,1]", 0.1))
     assert re.search(r"mine.ssv: line 4: .*omega_max", fails("export", CONTROLLER, "--values", file, folder=tmp_path))
-    told = fails("run", LOOP, "--case", "refrence.ssv", folder=tmp_path)
-    assert "did you mean `reference.ssv`?" in told
+    error = fails("run", LOOP, "--case", "refrence.ssv", folder=tmp_path)
+    assert "did you mean `reference.ssv`?" in error
 
 
 def test_what_is_wrong_in_a_loop_is_told_with_its_line_and_what_was_meant(tmp_path: Path) -> None:
@@ -125,8 +125,8 @@ def test_what_is_wrong_in_a_loop_is_told_with_its_line_and_what_was_meant(tmp_pa
         assert before in text
         file.write_text(text.replace(before, after, 1))
         line = next(k for k, found in enumerate(file.read_text().splitlines(), 1) if after in found)
-        told = fails("run", file, folder=tmp_path)
-        assert f"SystemStructure.ssd: line {line}: " in told and f"did you mean `{meant}`?" in told
+        error = fails("run", file, folder=tmp_path)
+        assert f"SystemStructure.ssd: line {line}: " in error and f"did you mean `{meant}`?" in error
 
 
 @pytest.mark.parametrize("command", ["check", "run"])

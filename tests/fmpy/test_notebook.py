@@ -30,8 +30,8 @@ def test_the_notebook_gives_the_loop_that_the_program_gives(executed: nbformat.N
     # From 15 s on the phase of the fast adaptation grows out of rounding errors.
     until = round(15 / 1e-3)
     assert time[-1] == pytest.approx(20)
-    for told, name in ((r, "reference.r[1]"), (y, "plant.y[1]"), (u, "controller.u[1]")):
-        np.testing.assert_allclose(told[:until], recorded[name][1 : until + 1], atol=1e-5)
+    for shown, name in ((r, "reference.r[1]"), (y, "plant.y[1]"), (u, "controller.u[1]")):
+        np.testing.assert_allclose(shown[:until], recorded[name][1 : until + 1], atol=1e-5)
 
 
 def test_the_notebook_shows_the_loop(executed: nbformat.NotebookNode) -> None:

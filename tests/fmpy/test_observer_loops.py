@@ -97,9 +97,9 @@ def test_known_torques_leave_an_error_only_where_the_vehicle_differs_from_its_mo
 
 @pytest.mark.parametrize("loop", TRACKING)
 def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_whole_and_keeps_its_limits(ran, loop: str) -> None:
-    told, table = ran(loop)
-    assert told["ended"] == "complete"
-    limits = [metric for metric in told["metrics"] if metric["limit"] is not None]
+    output, table = ran(loop)
+    assert output["ended"] == "complete"
+    limits = [metric for metric in output["metrics"] if metric["limit"] is not None]
     assert limits and all(metric["value"] <= metric["limit"] for metric in limits)
     _, whole = ran(loop, *WHOLE)
     for value, expected in zip(tracking(loop, table), tracking(loop, whole), strict=True):
@@ -122,9 +122,9 @@ def test_smaller_steps_come_nearer_to_the_loop_as_one_unit_in_proportion(ran, lo
 
 
 def test_the_robots_loop_may_run_longer(ran) -> None:
-    told, _ = ran("7.5.2", "--until", 20)
-    assert told["ended"] == "complete"
-    errors = [metric["value"] for metric in told["metrics"] if metric["label"].startswith("rms")]
+    output, _ = ran("7.5.2", "--until", 20)
+    assert output["ended"] == "complete"
+    errors = [metric["value"] for metric in output["metrics"] if metric["label"].startswith("rms")]
     assert len(errors) == 2 and max(errors) < 0.06
 
 

@@ -18,8 +18,8 @@ def metrics(folder: Path, controller: str, *options: str) -> tuple[list[float], 
     run = adaptive_fmu("run", "robot", *options, folder=folder)
     assert run.returncode == 0, run.stderr
     (file,) = folder.glob("results/*/metrics.json")
-    told = json.loads(file.read_text())["metrics"]
-    of = lambda words: [metric["value"] for metric in told if re.match(words, metric["label"])]  # noqa: E731
+    recorded = json.loads(file.read_text())["metrics"]
+    of = lambda words: [metric["value"] for metric in recorded if re.match(words, metric["label"])]  # noqa: E731
     return of("rms"), of(r"max \|u")
 
 
@@ -64,6 +64,6 @@ def test_what_a_funnel_controller_measures_besides_is_left_to_decide(tmp_path: P
     file.write_text(text.replace(f"</{prefix}Connections>", f"{rate.replace('<', f'<{prefix}')}\n</{prefix}Connections>"))
     run = adaptive_fmu("run", "mine", "--composite", "--step", "0.001", folder=tmp_path)
     assert run.returncode == 0, run.stderr
-    (told,) = tmp_path.glob("results/*/metrics.json")
-    values = {metric["label"]: metric["value"] for metric in json.loads(told.read_text())["metrics"]}
+    (written,) = tmp_path.glob("results/*/metrics.json")
+    values = {metric["label"]: metric["value"] for metric in json.loads(written.read_text())["metrics"]}
     assert values["max |u[1]|"] == pytest.approx(36.0, rel=5e-3)

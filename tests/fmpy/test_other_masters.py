@@ -66,9 +66,9 @@ def test_masters_differ_by_amplified_rounding_as_far_as_the_page_says(name: str,
     signals = ["plant.x[1]", "controller.u[1]"]
     found = [max(np.abs(one[it] - other[it]).max() for one, other in combinations(runs, 2)) for it in signals]
     page = (ROOT / "docs" / "thesis_loops.md").read_text()
-    told = [float(number) for number in re.search(rf"^\| `{name}`, .* ms \| (\S+) \| (\S+) \|$", page, re.M).groups()]
+    documented = [float(number) for number in re.search(rf"^\| `{name}`, .* ms \| (\S+) \| (\S+) \|$", page, re.M).groups()]
     # By how much rounding is amplified is no sharper than that: it differs from one compiler to another.
-    assert all(number / 3 < value < 3 * number for number, value in zip(told, found, strict=True)), found
+    assert all(number / 3 < value < 3 * number for number, value in zip(documented, found, strict=True)), found
     again = at("FMPy")
     assert all(np.array_equal(again[it], runs[0][it]) for it in again.signals), "at the same points the bits are the same"
 

@@ -119,8 +119,8 @@ def closed(begun, tmp_path: Path):
 
 def model(drive: Drive) -> SimpleNamespace:
     """The nominal plant."""
-    told = json.loads((OWN / drive.folder / "model.json").read_text())
-    return SimpleNamespace(**{name: np.array(told[name]) for name in "ABC"})
+    identified = json.loads((OWN / drive.folder / "model.json").read_text())
+    return SimpleNamespace(**{name: np.array(identified[name]) for name in "ABC"})
 
 
 def off(drive: Drive, factor: float) -> dict[str, np.ndarray]:
@@ -156,8 +156,8 @@ def test_the_output_follows_a_step_and_stays(drive: Drive, closed) -> None:
 
 @DRIVES
 def test_check_says_what_the_worst_plant_does(drive: Drive, begun) -> None:
-    told = json.loads(adaptive_fmu("check", begun(drive) / f"{drive.name}Controller.toml", "--json").stdout)
-    found = {finding["name"]: finding["value"] for finding in told["findings"] if finding["section"] == "Uncertain plants"}
+    output = json.loads(adaptive_fmu("check", begun(drive) / f"{drive.name}Controller.toml", "--json").stdout)
+    found = {finding["name"]: finding["value"] for finding in output["findings"] if finding["section"] == "Uncertain plants"}
     assert (found["settling time"], found["overshoot"] / 100) == pytest.approx(drive.worst, rel=0.01)
 
 
@@ -199,8 +199,8 @@ def test_run_exports_the_units_whose_descriptions_lie_beside_the_loop(
 ) -> None:
     ran = adaptive_fmu("run", OWN / drive.folder, *form, "--json", "--out", tmp_path)
     assert ran.returncode == 0, ran.stderr
-    told = json.loads(ran.stdout)
-    limited = [metric for metric in told["metrics"] if metric["limit"] is not None]
+    output = json.loads(ran.stdout)
+    limited = [metric for metric in output["metrics"] if metric["limit"] is not None]
     assert len(limited) == 2 and all(metric["value"] <= metric["limit"] for metric in limited)
     if form:
         return
@@ -270,9 +270,9 @@ def test_new_ends_as_check_does(kind: str, tmp_path: Path) -> None:
     new = adaptive_fmu("new", kind, "--name", "X", "--out", tmp_path / "X.toml")
     check = adaptive_fmu("check", tmp_path / "X.toml")
     assert new.returncode == check.returncode and new.returncode in (0, 3), new.stderr
-    [told] = re.findall("^Not sound: (.*)$", new.stderr, re.M) or [None]
-    assert (told is not None) == (check.returncode == 3)
-    assert told is None or told in check.stdout
+    [error] = re.findall("^Not sound: (.*)$", new.stderr, re.M) or [None]
+    assert (error is not None) == (check.returncode == 3)
+    assert error is None or error in check.stdout
 
 
 SCHEMA = json.loads((ROOT / "modelDescription" / "description.schema.json").read_text())

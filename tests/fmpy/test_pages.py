@@ -327,11 +327,11 @@ addEventListener("load", () => {
 MEASURE = """
 <script>
 addEventListener("load", () => {
-  const told = [...document.querySelectorAll("iframe")].map(frame => {
+  const frames = [...document.querySelectorAll("iframe")].map(frame => {
     const page = frame.contentDocument, input = page.querySelector("#pins ~ .scroll code");
     return [frame.name, frame.width, page.documentElement.scrollWidth, input ? input.getBoundingClientRect().top : -1];
   });
-  document.body.textContent = JSON.stringify(told);
+  document.body.textContent = JSON.stringify(frames);
 });
 </script>
 """
@@ -345,19 +345,19 @@ def measured(fmu_folder: Path, folder: Path, widths: list[int], script: str) -> 
     (folder / "all.html").write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{''.join(frames)}{script}")
     command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", folder / "all.html"]
     answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
-    told = json.loads(html.document_fromstring(answer.stdout).xpath("//body")[0].text_content())
-    assert len(told) == len(widths) * len(FMU_NAMES)
-    return told
+    output = json.loads(html.document_fromstring(answer.stdout).xpath("//body")[0].text_content())
+    assert len(output) == len(widths) * len(FMU_NAMES)
+    return output
 
 
 @pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
 def test_what_a_unit_is_for_takes_at_most_two_lines(fmu_folder: Path, tmp_path: Path) -> None:
-    told = measured(fmu_folder, tmp_path, [1300], PURPOSE)
-    assert [(name, lines) for name, lines in told if not 1 <= lines <= 2] == []
+    shown = measured(fmu_folder, tmp_path, [1300], PURPOSE)
+    assert [(name, lines) for name, lines in shown if not 1 <= lines <= 2] == []
 
 
 @pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
 def test_pages_fit_their_screens_and_inputs_are_seen_early(fmu_folder: Path, tmp_path: Path) -> None:
-    told = measured(fmu_folder, tmp_path, [1300, 400], MEASURE)
-    assert [(name, width, seen) for name, width, seen, _ in told if seen > int(width)] == [], "wider than the screen"
-    assert [(name, top) for name, width, _, top in told if width == "1300" and not 0 < top < 1200] == []
+    shown = measured(fmu_folder, tmp_path, [1300, 400], MEASURE)
+    assert [(name, width, seen) for name, width, seen, _ in shown if seen > int(width)] == [], "wider than the screen"
+    assert [(name, top) for name, width, _, top in shown if width == "1300" and not 0 < top < 1200] == []

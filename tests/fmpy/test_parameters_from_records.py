@@ -32,17 +32,17 @@ def test_masses_and_friction_of_a_robot_are_found_with_their_errors(tmp_path: Pa
     robot_record(tmp_path, rng, robot)
     ran = program(tmp_path, "identify", "record.csv", *ROBOT, "--free", "m2=0.1:10,k1,k2=0.01:20", "--offset", "none", "--json")
     assert ran.returncode == 0, ran.stdout + ran.stderr
-    told = json.loads(ran.stdout)
+    output = json.loads(ran.stdout)
     true = {"m2": robot.mass[1], "k1": robot.friction[0], "k2": robot.friction[1]}
-    assert [of["name"] for of in told["parameters"]] == list(true)
-    for of in told["parameters"]:
+    assert [of["name"] for of in output["parameters"]] == list(true)
+    for of in output["parameters"]:
         assert abs(of["value"] - true[of["name"]]) < 5 * of["error"], (NUMBER, of, true)
         assert of["error"] < 0.05 * true[of["name"]], (NUMBER, of)
     # The fit is that of the last 30 %, of which noise is a part.
     noise, measured = 0.003, np.loadtxt(tmp_path / "record.csv", delimiter=",", skiprows=1)[-75:, 3:]
-    assert told["parameters"][0]["unit"] == "kg"
-    assert np.all(np.array(told["fit"]) > 100 * (1 - 1.2 * noise / measured.std(axis=0))), told["fit"]
-    assert told["noise"] == pytest.approx([0.003, 0.003], rel=0.2)
+    assert output["parameters"][0]["unit"] == "kg"
+    assert np.all(np.array(output["fit"]) > 100 * (1 - 1.2 * noise / measured.std(axis=0))), output["fit"]
+    assert output["noise"] == pytest.approx([0.003, 0.003], rel=0.2)
     # The linear model about the start depends on three parameters: its covariance has that rank.
     model = json.loads((tmp_path / "model.json").read_text())
     covariance = np.array(model["covariance"])
@@ -83,7 +83,7 @@ def test_estimates_and_errors_are_those_of_least_squares(tmp_path: Path) -> None
     names = ["--fmu", "P.toml", "--inputs", "u", "--outputs", "y", "--free", "A[1,1],B[1,1]", "--initial", "x0[1]"]
     ran = program(tmp_path, "identify", "r0.csv", "r1.csv", *names, "--hold-out", "0", "--json")
     assert ran.returncode == 0, ran.stdout + ran.stderr
-    told = json.loads(ran.stdout)
+    output = json.loads(ran.stdout)
 
     def residuals(p: np.ndarray) -> np.ndarray:
         return np.concatenate([course(p[0], p[1], p[2 + k], inputs[k]) + p[4 + k] - measured[k] for k in range(2)])
@@ -91,14 +91,14 @@ def test_estimates_and_errors_are_those_of_least_squares(tmp_path: Path) -> None
     best = least_squares(residuals, [-1, 1, 0, 0, 0, 0], x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
     covariance = np.linalg.inv(best.jac.T @ best.jac) * 2 * best.cost / (2 * rows - 6)
     errors = np.sqrt(np.diag(covariance))
-    assert [(of["name"], of["record"]) for of in told["parameters"]] == [("A[1,1]", None), ("B[1,1]", None), ("x0[1]", 1), ("x0[1]", 2)]
-    for of, value, error in zip(told["parameters"], best.x, errors, strict=False):
+    assert [(of["name"], of["record"]) for of in output["parameters"]] == [("A[1,1]", None), ("B[1,1]", None), ("x0[1]", 1), ("x0[1]", 2)]
+    for of, value, error in zip(output["parameters"], best.x, errors, strict=False):
         assert abs(of["value"] - value) < 0.02 * error, (NUMBER, of, value, error)
         assert 0.9 * error < of["error"] < 2.5 * error, (NUMBER, of, error)
     # The model is that of the parameters, with their covariance: a controller can be designed for it.
     model = json.loads((tmp_path / "model.json").read_text())
     assert model["free"] == [["A", 1, 1], ["B", 1, 1]]
-    np.testing.assert_allclose(model["covariance"], np.array(told["covariance"])[:2, :2], rtol=1e-3)
+    np.testing.assert_allclose(model["covariance"], np.array(output["covariance"])[:2, :2], rtol=1e-3)
     new = program(tmp_path, "new", "pid", "--name", "C", "--plant", "model.json", "--margin", "2", "--no-schema")
     assert new.returncode == 0 and "covariance" in (tmp_path / "C.toml").read_text(), new.stderr
 
@@ -136,8 +136,8 @@ def test_a_held_out_part_that_rests_is_not_judged(tmp_path: Path) -> None:
     hanging = [f"{0.04 * k:.12g},0,0,{-np.pi / 2 + 0.003 * rng.standard_normal():.9g},{0.003 * rng.standard_normal():.9g}" for k in range(120, 180)]
     (tmp_path / "record.csv").write_text("\n".join([*lines, *hanging]) + "\n")
     ran = program(tmp_path, "identify", "record.csv", *ROBOT, "--free", "m2=0.1:10", "--offset", "none", "--hold-out", "20%", "--json")
-    told = json.loads(ran.stdout)
-    assert told["fit"] == [None, None] and not any("held-out" in finding for finding in told["findings"]), told
+    output = json.loads(ran.stdout)
+    assert output["fit"] == [None, None] and not any("held-out" in finding for finding in output["findings"]), output
 
 
 def test_parameters_of_a_loop_without_inputs(tmp_path: Path) -> None:

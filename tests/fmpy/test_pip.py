@@ -87,11 +87,11 @@ def test_an_archive_of_sources_holds_what_builds_it(python: Path, tmp_path: Path
 
 def test_the_newest_maturin_of_all_builds_it_too(python: Path, tmp_path: Path) -> None:
     """One that is newer than the bound may fail: then the bound is right, and somebody is to look at it."""
-    told = ran(python, "maturin", "--version").stdout.strip()
+    output = ran(python, "maturin", "--version").stdout.strip()
     (bound,) = re.findall(r'"maturin>=[\d.]+,<([\d.]+)"', (ROOT / "pyproject.toml").read_text())
     number = lambda text: [int(part) for part in re.findall(r"\d+", text)]
     built = ran(python, "pip", "wheel", ".", "--no-deps", "--no-build-isolation", "--wheel-dir", tmp_path)
-    if number(told) < number(bound):
+    if number(output) < number(bound):
         assert built.returncode == 0, built.stdout
     elif built.returncode != 0:
-        warnings.warn(f"{told} doesn't build the package: {built.stdout[-1000:]}", stacklevel=1)
+        warnings.warn(f"{output} doesn't build the package: {built.stdout[-1000:]}", stacklevel=1)

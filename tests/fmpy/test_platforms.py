@@ -36,7 +36,7 @@ OLDEST_GLIBC = (2, 17)
 SYSTEM = {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "libpthread.so.0", "libdl.so.2", "ld-linux-x86-64.so.2"}
 
 
-def told(*command: str | Path) -> str:
+def output_of(*command: str | Path) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
@@ -48,17 +48,17 @@ def library(fmu) -> Path:
 
 def glibc(library: Path) -> tuple[int, ...]:
     """The newest version of glibc that a library asks for."""
-    versions = re.findall(r"GLIBC_([0-9.]+)", told("readelf", "--version-info", library))
+    versions = re.findall(r"GLIBC_([0-9.]+)", output_of("readelf", "--version-info", library))
     return max(tuple(map(int, version.split("."))) for version in versions)
 
 
 def test_the_library_exports_the_functions_of_the_standard_and_those_for_compiled_equations(library: Path) -> None:
-    symbols = {line.split()[-1] for line in told("nm", "-D", "--defined-only", library).splitlines()}
+    symbols = {line.split()[-1] for line in output_of("nm", "-D", "--defined-only", library).splitlines()}
     assert len(STANDARD_3) == 75 and symbols == EXPORTED
 
 
 def test_the_library_needs_the_system_alone_and_lacks_nothing(library: Path) -> None:
-    needed = set(re.findall(r"NEEDED.*\[(.*)\]", told("readelf", "-d", library)))
+    needed = set(re.findall(r"NEEDED.*\[(.*)\]", output_of("readelf", "-d", library)))
     assert needed <= SYSTEM
     checked = subprocess.run(["ldd", "-r", library], capture_output=True, text=True, check=True)
     assert "undefined" not in checked.stdout + checked.stderr and "not found" not in checked.stdout
@@ -74,7 +74,7 @@ REACHING = """
 
 
 def test_the_library_has_no_way_to_the_network_other_programs_threads_or_files_to_change(library: Path) -> None:
-    imported = {line.split()[-1].split("@")[0] for line in told("nm", "-D", "--undefined-only", library).splitlines()}
+    imported = {line.split()[-1].split("@")[0] for line in output_of("nm", "-D", "--undefined-only", library).splitlines()}
     assert "open64" in imported and imported.isdisjoint(REACHING)
 
 
@@ -140,8 +140,8 @@ def test_an_export_tells_what_a_library_asks_for_if_old_systems_lack_it(version:
         (line,) = answer.stderr.splitlines()
         assert line.startswith("warning: ") and library.name in line and f"glibc {version}" in line
         assert "cargo zigbuild --release --target aarch64-unknown-linux-gnu.2.17" in line
-    told = asked(out / f"{PLANT}.fmu")[f"binaries/aarch64-linux/{PLANT}.so"]
-    assert told == {"processor": "ARM, 64 bits", "glibc": version}
+    needed = asked(out / f"{PLANT}.fmu")[f"binaries/aarch64-linux/{PLANT}.so"]
+    assert needed == {"processor": "ARM, 64 bits", "glibc": version}
 
 
 def test_a_library_built_for_old_systems_asks_for_an_old_glibc() -> None:

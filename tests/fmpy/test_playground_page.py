@@ -209,8 +209,8 @@ def test_the_page_may_send_nothing(browser: Any, folder: Path) -> None:
     shown = context.new_page()
     shown.goto((folder / "index.html").as_uri())
     for sends in ["fetch('https://example.org')", "new WebSocket('wss://example.org')", "navigator.sendBeacon('https://example.org', 'x')"]:
-        told = "new Promise(told => document.addEventListener('securitypolicyviolation', event => told(event.violatedDirective)))"
-        assert shown.evaluate(f"() => {{ const told = {told}; try {{ {sends}; }} catch {{ }} return told; }}") == "connect-src", sends
+        violation = "new Promise(heard => document.addEventListener('securitypolicyviolation', event => heard(event.violatedDirective)))"
+        assert shown.evaluate(f"() => {{ const heard = {violation}; try {{ {sends}; }} catch {{ }} return heard; }}") == "connect-src", sends
     context.close()
 
 

@@ -14,15 +14,15 @@ ROBOT_ERRORS, ROBOT_PEAKS = (0.00266, 0.00250), (30.94, 28.96)
 CHANNELS = {"5": 2, "5-wide": 2, "6.5.1-neuro": 3, "6.5.2-neuro": 3}
 
 
-def values(told: dict, label: str) -> list[float]:
-    return [metric["value"] for metric in told["metrics"] if label in metric["label"]]
+def values(output: dict, label: str) -> list[float]:
+    return [metric["value"] for metric in output["metrics"] if label in metric["label"]]
 
 
 @pytest.mark.parametrize("loop", CHANNELS)
 def test_as_one_unit_every_error_stays_within_its_funnel(ran, loop: str) -> None:
-    told, _ = ran(loop, *WHOLE)
-    parts = values(told, "/rho")
-    assert told["ended"] == "complete" and len(parts) == CHANNELS[loop] and max(parts) < 1
+    output, _ = ran(loop, *WHOLE)
+    parts = values(output, "/rho")
+    assert output["ended"] == "complete" and len(parts) == CHANNELS[loop] and max(parts) < 1
 
 
 @pytest.mark.parametrize(("loop", "end"), [("5", 0.005), ("5-wide", 0.1)])
@@ -35,30 +35,30 @@ def test_the_robots_errors_never_overshoot(ran, loop: str, end: float) -> None:
 
 
 def test_as_one_unit_the_robots_loop_has_the_figures_of_the_continuous_one(ran) -> None:
-    told, _ = ran("5", *WHOLE)
-    assert np.round(values(told, "t >= 5 s"), 5).tolist() == list(ROBOT_ERRORS)
-    assert np.round(values(told, "max |u"), 2).tolist() == list(ROBOT_PEAKS)
+    output, _ = ran("5", *WHOLE)
+    assert np.round(values(output, "t >= 5 s"), 5).tolist() == list(ROBOT_ERRORS)
+    assert np.round(values(output, "max |u"), 2).tolist() == list(ROBOT_PEAKS)
 
 
 @pytest.mark.parametrize("loop", PARTS)
 def test_as_one_unit_the_coupled_loops_have_the_figures_of_the_continuous_ones(ran, loop: str) -> None:
-    told, _ = ran(loop, *WHOLE)
-    assert np.round(values(told, "/rho"), 2).tolist() == list(PARTS[loop])
+    output, _ = ran(loop, *WHOLE)
+    assert np.round(values(output, "/rho"), 2).tolist() == list(PARTS[loop])
 
 
 def test_the_control_of_a_loop_that_begins_on_its_model_stays_small(ran) -> None:
     # At points of a millisecond the peak of channel 2 is 239.9, over all solver steps 242.
-    told, _ = ran("6.5.2-neuro", *WHOLE)
-    assert np.allclose(values(told, "max |u"), (28, 242, 25), rtol=0.02)
+    output, _ = ran("6.5.2-neuro", *WHOLE)
+    assert np.allclose(values(output, "max |u"), (28, 242, 25), rtol=0.02)
 
 
 @pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("loop", ["5-wide", *PARTS])
 def test_through_separate_units_it_is_the_same_loop(ran, loop: str, order: str) -> None:
-    told, _ = ran(loop, "--order", order)
+    output, _ = ran(loop, "--order", order)
     whole, _ = ran(loop, *WHOLE)
-    assert told["ended"] == "complete"
-    assert np.allclose(values(told, "/rho"), values(whole, "/rho"), atol=2e-3)
+    assert output["ended"] == "complete"
+    assert np.allclose(values(output, "/rho"), values(whole, "/rho"), atol=2e-3)
 
 
 def lost(fmu_folder: Path, out: Path, *options: str | float) -> tuple[str, float]:

@@ -71,8 +71,8 @@ def test_the_changelog_tells_the_version_of_the_packages_and_dates() -> None:
 
 def linked() -> set[str]:
     """The packages that the program is linked of on this platform, without those of this workspace."""
-    told = cargo("tree", "--locked", "--package", "adaptive-fmu", "--edges", "normal", "--prefix", "none", "--format", "{p}")
-    packages = {" ".join(line.split()[:2]).replace(" v", " ") for line in told.splitlines()}
+    output = cargo("tree", "--locked", "--package", "adaptive-fmu", "--edges", "normal", "--prefix", "none", "--format", "{p}")
+    packages = {" ".join(line.split()[:2]).replace(" v", " ") for line in output.splitlines()}
     return {package for package in packages if package.split()[0] not in PUBLISHED}
 
 
@@ -93,15 +93,15 @@ def bill(tmp_path_factory: pytest.TempPathFactory) -> str:
     if shutil.which("cargo-cyclonedx") is None:
         pytest.skip("cargo-cyclonedx isn't installed")
     out = tmp_path_factory.mktemp("sbom")
-    told = subprocess.run([ROOT / "packaging" / "sbom", "--out", out], capture_output=True, text=True, check=True).stdout
-    return Path(told.strip()).read_text()
+    output = subprocess.run([ROOT / "packaging" / "sbom", "--out", out], capture_output=True, text=True, check=True).stdout
+    return Path(output.strip()).read_text()
 
 
 def test_the_bill_of_materials_names_all_that_is_linked_and_no_folder_of_the_machine(bill: str) -> None:
-    told = json.loads(bill)
-    assert (told["bomFormat"], told["specVersion"]) == ("CycloneDX", "1.5")
-    assert told["metadata"]["component"]["name"] == "adaptive-fmu"
-    assert linked() <= {f"{component['name']} {component['version']}" for component in told["components"]}
+    output = json.loads(bill)
+    assert (output["bomFormat"], output["specVersion"]) == ("CycloneDX", "1.5")
+    assert output["metadata"]["component"]["name"] == "adaptive-fmu"
+    assert linked() <= {f"{component['name']} {component['version']}" for component in output["components"]}
     assert str(ROOT) not in bill and str(Path.home()) not in bill
 
 

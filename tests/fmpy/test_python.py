@@ -54,8 +54,8 @@ def test_everything_that_is_public_has_an_example() -> None:
 
 def test_a_run_gives_what_the_command_gives(tmp_path: Path) -> None:
     words = ["--set", "controller.adaptation_gain=20000.0", "--set", "plant.x0[2]=0.5"]
-    told = by_hand("run", LOOP, "--until", "6", *words, "--out", tmp_path, folder=tmp_path)
-    assert told.returncode == 3, told.stderr  # Such a start is beyond a limit.
+    output = by_hand("run", LOOP, "--until", "6", *words, "--out", tmp_path, folder=tmp_path)
+    assert output.returncode == 3, output.stderr  # Such a start is beyond a limit.
     expected = read_csv(tmp_path / LOOP / "result.csv")
     result = adaptive_fmu.Loop(LOOP).run(until=6, controller={"adaptation_gain": 20_000}, plant={"x0": [0, 0.5]})
     assert list(result.data.columns) == [name for name in expected if name != "time"]
@@ -391,13 +391,13 @@ else:
 """
 
 
-@pytest.mark.parametrize(("what", "told"), [("sweep", "set()"), ("tune", "interrupted")])
-def test_an_interrupt_keeps_the_runs_that_were_done(what: str, told: str) -> None:
+@pytest.mark.parametrize(("what", "message"), [("sweep", "set()"), ("tune", "interrupted")])
+def test_an_interrupt_keeps_the_runs_that_were_done(what: str, message: str) -> None:
     words = [sys.executable, "-c", INTERRUPTED_MANY, what]
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     runs, ended = done.stdout.split()[:2]
-    assert 0 < int(runs) < 3000 and ended == told
+    assert 0 < int(runs) < 3000 and ended == message
 
 
 def test_the_program_ends_with_python_and_leaves_no_files(tmp_path: Path) -> None:
@@ -454,7 +454,7 @@ def test_types_are_those_that_are_written() -> None:
 def test_time_is_told_while_a_run_goes_on() -> None:
     heard: list[tuple[float, str]] = []
     begun = time.monotonic()
-    answer = _pool.ask(["run", LOOP, "--until", "200", "--json"], lambda done, told: heard.append((done, told)))
+    answer = _pool.ask(["run", LOOP, "--until", "200", "--json"], lambda done, message: heard.append((done, message)))
     assert answer.code in (0, 3) and (time.monotonic() - begun < 0.3 or heard)
-    assert all(0 < done <= 1 and "real time" in told for done, told in heard)
+    assert all(0 < done <= 1 and "real time" in message for done, message in heard)
     assert [done for done, _ in heard] == sorted(done for done, _ in heard)

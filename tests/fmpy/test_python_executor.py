@@ -258,9 +258,9 @@ def test_an_interrupted_sweep_goes_on_in_its_folder(where: str, client: Client, 
     running = subprocess.Popen([sys.executable, script, address, folder], stdout=subprocess.PIPE, text=True)
     wait_for(lambda: len(lines(folder)) >= 3)
     running.send_signal(signal.SIGINT)
-    told, _ = running.communicate(timeout=30)
+    output, _ = running.communicate(timeout=30)
     before = lines(folder)
-    assert told.split() == [str(len(before)), "True"] and len(before) < len(many)
+    assert output.split() == [str(len(before)), "True"] and len(before) < len(many)
     wait_for(lambda: not client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
     # The last line was being written when the power went.
     (folder / "runs.jsonl").write_bytes(b"".join(before)[:-20])
@@ -287,14 +287,14 @@ def test_another_sweep_in_the_folder_is_refused_with_what_differs(tmp_path: Path
     loop = adaptive_fmu.Loop(LOOP)
     arguments = {"until": 0.1, "plant": {"a1": 1.0}, "out": tmp_path / "out"}
     loop.sweep({OMEGA: [1.0]}, **arguments)
-    for other, told in [
+    for other, message in [
         ({"until": 0.2}, "until was 0.1, is 0.2"),
         ({"plant": {"a1": 2.0}}, 'values was {"plant.a1": "1.0"}, is {"plant.a1": "2.0"}'),
         ({"step": 0.01, "composite": True}, "step was null, is 0.01; composite was false, is true"),
     ]:
         with pytest.raises(adaptive_fmu.Error) as error:
             loop.sweep({OMEGA: [1.0]}, **{**arguments, **other})
-        assert told in str(error.value) and "force=True replaces it" in str(error.value), error.value
+        assert message in str(error.value) and "force=True replaces it" in str(error.value), error.value
     with pytest.raises(adaptive_fmu.Error, match=r'over was \["plant.omega"\], is \["plant.a1"\]'):
         loop.sweep({"plant.a1": [1.0]}, **arguments)
     other = loop.sweep({OMEGA: [1.0]}, **{**arguments, "until": 0.2, "force": True})

@@ -227,7 +227,7 @@ def test_what_is_refused_is_told_in_words_of_python() -> None:
     still["voltage"] = 12.0
     doubled.loc[100, "time"] = doubled.loc[99, "time"]
     endless.iloc[7, 1] = np.inf
-    told = {
+    expected = {
         "did you mean `voltage`?": refused(table, inputs=["voltag"]),
         "did you mean `speed`?": refused(table, states=["sped", "current"]),
         "fixed=NAME leaves an input out": refused(still),
@@ -261,7 +261,7 @@ def test_what_is_refused_is_told_in_words_of_python() -> None:
         "inputs = [0] is not allowed. It must be a name, or a list of names": refused(table, inputs=[0]),
         "states = 3 is not allowed. It must be a name": refused(table, states=3),
     }
-    for part, message in told.items():
+    for part, message in expected.items():
         assert part in message and "--" not in message and os.sep + "tmp" not in message, (part, message)
 
 
@@ -274,10 +274,10 @@ def test_faults_of_records_are_warnings() -> None:
     other = table.copy()
     # In the held-out part the motor turns the other way.
     other.iloc[2100:, 1:] *= -1
-    with pytest.warns(adaptive_fmu.ExperimentWarning, match="not sound: ") as told:
+    with pytest.warns(adaptive_fmu.ExperimentWarning, match="not sound: ") as warned:
         found = adaptive_fmu.identify(other, **NAMES)
     assert not found.sound and "not sound" in repr(found) and "held_out_fit" in set(found.findings["kind"])
-    assert told[0].filename == __file__ and str(told[0].message) in found.report
+    assert warned[0].filename == __file__ and str(warned[0].message) in found.report
     limited = table.assign(voltage=table["voltage"].clip(upper=table["voltage"].quantile(0.75)))
     with pytest.warns(adaptive_fmu.ExperimentWarning, match=r"warning: voltage is at [\d.]+ in"):
         adaptive_fmu.identify(limited, **NAMES)
@@ -344,9 +344,9 @@ def test_new_warns_of_a_region_and_of_experiments(tmp_path: Path) -> None:
     # So short and noisy a record leaves too much uncertain for a design.
     with pytest.warns(adaptive_fmu.ExperimentWarning):
         poor = adaptive_fmu.identify(frame(47, rows=150, noise=0.2), **NAMES)
-    with pytest.warns(adaptive_fmu.ExperimentWarning, match="^(not sound|warning): ") as told:
+    with pytest.warns(adaptive_fmu.ExperimentWarning, match="^(not sound|warning): ") as warned:
         adaptive_fmu.new("l1", tmp_path / "C.toml", plant=poor, **FOR_SPEED)
-    assert told[0].filename == __file__
+    assert warned[0].filename == __file__
     poor.save(tmp_path / "poor.json")
     with pytest.warns(adaptive_fmu.ExperimentWarning):
         adaptive_fmu.new("l1", tmp_path / "D.toml", plant=tmp_path / "poor.json", **FOR_SPEED)
@@ -355,10 +355,10 @@ def test_new_warns_of_a_region_and_of_experiments(tmp_path: Path) -> None:
         adaptive_fmu.new("excitation", tmp_path / "E.toml", plant=unstable, settling_time=2)
     stable = {"A": [[-1.0, 0.0], [0.0, -1e5]], "B": [[1.0], [1.0]], "C": [[1.0, 0.0]], "u_min": -1, "u_max": 1}
     (tmp_path / "P.json").write_text(json.dumps(stable))
-    with pytest.warns(adaptive_fmu.ExperimentWarning) as told:
+    with pytest.warns(adaptive_fmu.ExperimentWarning) as warned:
         adaptive_fmu.new("excitation", tmp_path / "F.toml", plant=tmp_path / "P.json", amplitude=2)
-    assert [str(one.message)[:31] for one in told] == ["warning: at this step the recor", "warning: u[1] goes from -2 to 2"]
-    assert all("--" not in str(one.message) for one in told)
+    assert [str(one.message)[:31] for one in warned] == ["warning: at this step the recor", "warning: u[1] goes from -2 to 2"]
+    assert all("--" not in str(one.message) for one in warned)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         adaptive_fmu.new("excitation", tmp_path / "G.toml", plant=tmp_path / "P.json", settling_time=4, step=0.02)
@@ -373,8 +373,8 @@ def test_a_controller_is_that_of_the_command(identified: adaptive_fmu.Identified
     ran = program(tmp_path, "new", kind, "--name", "C", "--plant", "model.json", "--margin", "2", "--level", "0.95", *BY_COMMAND)
     assert ran.returncode == 0, ran.stderr
     file = adaptive_fmu.new(kind, tmp_path / "own" / "C.toml", plant=identified, margin=2, level=0.95, **FOR_SPEED)
-    own, told = (tomllib.loads(path.read_text()) for path in (file, tmp_path / "C.toml"))
-    assert own == told and own["nominal"]["margin"] == 2.0 and own["nominal"]["model"] == "model.json"
+    own, other = (tomllib.loads(path.read_text()) for path in (file, tmp_path / "C.toml"))
+    assert own == other and own["nominal"]["margin"] == 2.0 and own["nominal"]["model"] == "model.json"
     report = adaptive_fmu.check(file)
     assert report.sound and report.region["plants tried"] > 200 and report.region["stable up to"] == "2 times the region"
 

@@ -181,10 +181,10 @@ def test_names_of_fmpy_are_names_of_arguments(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_what_a_loop_consists_of(tmp_path: Path) -> None:
-    told = json.loads(program(tmp_path, "info", "3.2.1-cosine", "--json").stdout)
-    assert [component["name"] for component in told["components"]] == ["reference", "plant", "controller"]
-    of_file = {(each["from"], each["to"]) for each in told["connections"]}
-    assert of_file == connections(ROOT / "examples/3.2.1-cosine") and (told["step"], told["stop_time"]) == (0.001, 60.0)
+    output = json.loads(program(tmp_path, "info", "3.2.1-cosine", "--json").stdout)
+    assert [component["name"] for component in output["components"]] == ["reference", "plant", "controller"]
+    of_file = {(each["from"], each["to"]) for each in output["connections"]}
+    assert of_file == connections(ROOT / "examples/3.2.1-cosine") and (output["step"], output["stop_time"]) == (0.001, 60.0)
     text = program(tmp_path, "info", "3.2.1-cosine").stdout
     assert "plant.x[2]" in text and "communication step 0.001 s, gauss-seidel" in text
     made = program(tmp_path, "new", "loop", "--units", *PARTS, "--connect", "plant.u=reference.r", "--out", "own", "--json")

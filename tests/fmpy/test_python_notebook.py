@@ -37,8 +37,8 @@ def shown(outputs: list[nbformat.NotebookNode], kind: str) -> list[str]:
 
 
 def test_nothing_is_written_in_red(outputs: dict[str, list[nbformat.NotebookNode]]) -> None:
-    told = {name: output.text for name, several in outputs.items() for output in several if output.get("name") == "stderr"}
-    assert told == {} and sys.stderr is not None
+    errors = {name: output.text for name, several in outputs.items() for output in several if output.get("name") == "stderr"}
+    assert errors == {} and sys.stderr is not None
 
 
 def test_a_figure_is_displayed_once(outputs: dict[str, list[nbformat.NotebookNode]]) -> None:

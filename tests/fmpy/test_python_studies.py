@@ -45,8 +45,8 @@ def test_validate_lists_what_is_wrong_in_an_fmu(tmp_path: Path) -> None:
             data = archive.read(name)
             bad.writestr(name, data.replace(b'variability="continuous"', b'variability="often"', 1) if name.endswith(".xml") else data)
     found = adaptive_fmu.validate(tmp_path / "Bad.fmu", run=False)
-    told = json.loads(program(tmp_path, "validate", "Bad.fmu", "--no-run", "--json").stdout)
-    assert found.to_dict("records") == [{key: each[key] for key in found.columns} for each in told["findings"]] and len(found) > 0
+    output = json.loads(program(tmp_path, "validate", "Bad.fmu", "--no-run", "--json").stdout)
+    assert found.to_dict("records") == [{key: each[key] for key in found.columns} for each in output["findings"]] and len(found) > 0
     assert found["what"].str.contains("often").any() and set(found["severity"]) == {"error"}
     with pytest.raises(adaptive_fmu.Error, match=r"Gone\.fmu"):
         adaptive_fmu.validate(tmp_path / "Gone.fmu")

@@ -21,17 +21,17 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     out = tmp_path_factory.mktemp("compared")
     runs = [LOOP, f"strong={LOOP}:plant.omega=2.5", f"slower reference, little gain={LONG}", LONG]
     words = ["compare", *runs, "--until", "2"]
-    text, told = (adaptive_fmu(*words, *json_, "--out", out) for json_ in ([], ["--json"]))
-    assert text.returncode == told.returncode, (text, told)
-    return out / "comparison" / "index.html", json.loads(told.stdout), text.stdout
+    text, answer = (adaptive_fmu(*words, *json_, "--out", out) for json_ in ([], ["--json"]))
+    assert text.returncode == answer.returncode, (text, answer)
+    return out / "comparison" / "index.html", json.loads(answer.stdout), text.stdout
 
 
 def test_labels_name_runs_everywhere_and_their_folders(compared: tuple[Path, dict[str, Any], str]) -> None:
-    page, told, text = compared
+    page, output, text = compared
     values = "controller.adaptation_gain=1e4,plant.omega=1.5,reference.cosine_amplitude_1_=1.25"
     labels = [LOOP, "strong", "slower reference, little gain", f"{LOOP}@{values}"]
-    assert [loop["label"] for loop in told["loops"]] == labels
-    folders = [Path(loop["results"]).name for loop in told["loops"]]
+    assert [loop["label"] for loop in output["loops"]] == labels
+    folders = [Path(loop["results"]).name for loop in output["loops"]]
     assert folders == [LOOP, f"{LOOP}@strong", f"{LOOP}@slower_reference,_little_gain", labels[3]]
     document = html.document_fromstring(page.read_text())
     assert [cell.text.strip() for cell in document.get_element_by_id("metrics").find(".//tr")] == ["metric", *labels]

@@ -212,15 +212,15 @@ def test_every_test_that_a_page_names_is_there() -> None:
 
 
 def test_pages_count_the_fmus_and_loops_that_list_shows() -> None:
-    told = json.loads(run([PROGRAM, "list", "--json"], ROOT).stdout)
-    fmus, loops = len(told["fmus"]), len(told["loops"])
+    output = json.loads(run([PROGRAM, "list", "--json"], ROOT).stdout)
+    fmus, loops = len(output["fmus"]), len(output["loops"])
     index = (DOCS / "index.md").read_text()
     assert f"- {fmus} [FMUs]" in index and f"- {loops} [loops]" in index
     # Nowhere is another number of FMUs or loops told, but in a study of a user's own (1,000 loops).
     texts = [README, *((ROOT / f"{name}.md").read_text() for name in ["ARCHITECTURE", "CONTRIBUTING"])]
     texts += [file.read_text() for file in DOCS.rglob("*.md")]
     for number, what in [(fmus, "FMUs"), (loops, "loops")]:
-        assert {int(told) for text in texts for told in re.findall(rf"(?<![\d.,])(\d+) \[?{what}\b", text)} == {number}, what
+        assert {int(output) for text in texts for output in re.findall(rf"(?<![\d.,])(\d+) \[?{what}\b", text)} == {number}, what
 
 
 def constant(file: str, name: str) -> float:
@@ -285,7 +285,7 @@ def test_numbers_that_pages_take_from_the_sources_are_theirs(
     text = " ".join((DOCS / page).read_text().split())
     found = re.search(re.escape(sentence).replace(r"\{\}", r"(\w+)"), text)
     assert found, f"{page} doesn't say: {sentence}"
-    assert [WORDS.get(told) or float(told) for told in found.groups()] == numbers()
+    assert [WORDS.get(number) or float(number) for number in found.groups()] == numbers()
 
 
 def test_no_source_has_more_lines_than_the_project_allows() -> None:

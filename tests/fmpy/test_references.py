@@ -315,14 +315,14 @@ def test_an_fmu_with_experiments_of_another_tool_is_compared_with_its_references
         archive.writestr(f"{FOLDER}/tests/in put.csv", "time,u[1]\n0,5\n0.1,5\n")
         archive.writestr(f"{FOLDER}/tests/out.csv", f"time,y[1]\n{rows}")
     answer = adaptive_fmu("validate", file, "--json")
-    told = json.loads(answer.stdout)
-    [replayed] = told["experiments"]
+    output = json.loads(answer.stdout)
+    [replayed] = output["experiments"]
     [speed] = replayed["outputs"]
     if factor == 1.0:
         assert answer.returncode == 0 and speed["largest"] < 1e-3
     else:
         assert answer.returncode == 3 and 0.015 < speed["largest"] < 0.025
-        assert [finding["section"] for finding in told["findings"] if finding["severity"] == "error"] == ["FMI-LS-REF"]
+        assert [finding["section"] for finding in output["findings"] if finding["severity"] == "error"] == ["FMI-LS-REF"]
 
 
 def test_a_changed_description_has_results_of_its_own(fmu: Callable[[str], Fmu], tmp_path: Path) -> None:

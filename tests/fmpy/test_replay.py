@@ -63,16 +63,16 @@ def test_the_same_controller_gives_the_recorded_control(late: bool, controller: 
     ran = program(folder, *REPLAY)
     assert ran.returncode == 0, ran.stderr
     assert "not used: temperature" in ran.stderr
-    told = json.loads(ran.stdout)["compared"]
-    of = told["outputs"]["voltage"]
+    output = json.loads(ran.stdout)["compared"]
+    of = output["outputs"]["voltage"]
     assert of["delay"] == int(late) and of["unit"] == "V"
     # Steps of other lengths by rounding, integrated to the relative tolerance of 1e-6.
     assert of["rms"] < 5e-5 and of["largest"] < 5e-4 and of["fit"] == pytest.approx(100, abs=1e-3), (NUMBER, of)
     # The limits act: each computed voltage that is at one counts.
     results = np.genfromtxt(folder / "results" / "C" / "result.csv", delimiter=",", names=True, deletechars="")
     at_limit = results["time_at_limit"] > 0
-    assert told["shares"]["time_at_limit"]["part"] == pytest.approx(100 * at_limit.mean())
-    assert at_limit.any() and "projection_active" in told["shares"]
+    assert output["shares"]["time_at_limit"]["part"] == pytest.approx(100 * at_limit.mean())
+    assert at_limit.any() and "projection_active" in output["shares"]
     np.testing.assert_allclose(results["voltage_recorded"], table[:, 4], rtol=0, atol=1e-12)
 
 
@@ -86,8 +86,8 @@ def test_another_controller_is_told_by_how_much_and_when(controller: tuple[Path,
     assert of["largest"] == pytest.approx(3.0, abs=5e-4) and of["time"] == pytest.approx(501 * STEP)
     known = np.isfinite(table[:-1, 4])
     assert of["rms"] == pytest.approx(3.0 / np.sqrt(known.sum()), rel=1e-4)
-    told = program(folder, *(option for option in REPLAY if option != "--json")).stdout
-    assert "against the record" in told and "a control is at its limit (time_at_limit) for" in told
+    output = program(folder, *(option for option in REPLAY if option != "--json")).stdout
+    assert "against the record" in output and "a control is at its limit (time_at_limit) for" in output
 
 
 def test_names_that_do_not_fit_are_refused(controller: tuple[Path, np.ndarray, np.ndarray]) -> None:

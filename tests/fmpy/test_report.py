@@ -119,9 +119,9 @@ def test_without_adaptation_loops_that_need_it_are_lost_or_worse(report, page) -
 
 def test_a_claim_is_shown_with_what_was_measured(report, page) -> None:
     shown = [[cell.text_content() for cell in row] for table in page.find_class("claims") for row in table[1:]]
-    told = [claim for example in report[1] for claim in example["claims"]]
-    assert len(shown) == len(told) >= 6
-    for (claim, measured, holds), expected in zip(shown, told, strict=True):
+    claims = [claim for example in report[1] for claim in example["claims"]]
+    assert len(shown) == len(claims) >= 6
+    for (claim, measured, holds), expected in zip(shown, claims, strict=True):
         assert claim.startswith(expected["claim"]) and measured.strip() == expected["measured"]
         assert holds.strip() == ("yes" if expected["holds"] else "no")
     (run,) = [run for run in report[1][0]["runs"] if run["run"] == "3.2.1-cosine"]
@@ -153,8 +153,8 @@ def test_every_figure_has_its_picture_and_its_curves_as_files(report, page) -> N
 
 
 def test_examples_and_figures_are_named_as_in_the_thesis(page) -> None:
-    told = [paragraph.text_content() for paragraph in page.find_class("thesis")]
-    assert len(told) == len(SHOWN) and all("chapter 3" in text and "figure" in text for text in told)
+    paragraphs = [paragraph.text_content() for paragraph in page.find_class("thesis")]
+    assert len(paragraphs) == len(SHOWN) and all("chapter 3" in text and "figure" in text for text in paragraphs)
     captions = {caption.text_content() for caption in page.iter("figcaption")}
     assert "3.2.1-cosine: control (thesis: figure 3.3)" in captions
     assert "case 1: trajectory in space (thesis: figure 3.13)" in captions

@@ -112,14 +112,14 @@ def test_the_readme_and_the_figure_are_those_of_the_study(tmp_path: Path) -> Non
     drawn, shown = ((folder / name).read_text() for folder, name in ((tmp_path, "figure.svg"), (STUDY, "failure_rate.svg")))
     paths = [re.findall(r' d="([^"]*)"', text) for text in (drawn, shown)]
     assert paths[0] == paths[1]
-    for name, told in {
+    for name, sentence in {
         "rate_noise (rad/s)": "{:.0f} % ({:.0f} to {:.0f}) fail in the highest fifth of its range",
         "drive_lag (s)": "{:.0f} % ({:.0f} to {:.0f}) fail with time constants above 6.3 ms",
         "adaptation_gain (1)": "{:.0f} % ({:.0f} to {:.0f}) fail in the highest fifth",
         "step (s)": "{:.0f} % ({:.0f} to {:.0f}) fail at 5 ms",
     }.items():
         last = parts[parts["quantity"] == name].iloc[-1]
-        assert told.format(100 * last["failed"] / last["loops"], 100 * last["low"], 100 * last["high"]) in page, name
+        assert sentence.format(100 * last["failed"] / last["loops"], 100 * last["low"], 100 * last["high"]) in page, name
 
 
 def test_samples_depend_on_seed_and_number_only_and_fill_their_ranges() -> None:

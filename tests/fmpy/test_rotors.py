@@ -170,14 +170,14 @@ def errors(loop: dict[str, np.ndarray]) -> np.ndarray:
 @pytest.mark.parametrize("case", CASES)
 def test_the_loop_within_the_rotors_limits_has_the_figures_of_the_continuous_one(ran: Callable[..., Ran], case: str) -> None:
     largest, settled, yaw, rms = FIGURES[case]
-    told, loop = ran(f"{case}-rotors", "--composite", "--step", 1e-3)
-    assert told["ended"] == "complete"
+    output, loop = ran(f"{case}-rotors", "--composite", "--step", 1e-3)
+    assert output["ended"] == "complete"
     time, error = loop["time"], np.abs(errors(loop))
     start = time <= 3.0
     assert error[start, :3].max() == pytest.approx(largest, abs=0.5e-4)
     outside = time[error[:, 3] >= 0.02][-1]
     assert outside == pytest.approx(settled, abs=0.6e-3)
-    found = {metric["label"]: metric["value"] for metric in told["metrics"]}
+    found = {metric["label"]: metric["value"] for metric in output["metrics"]}
     for name, value, half in zip(("phi", "theta", "psi", "x", "y"), rms, HALF_A_DIGIT, strict=True):
         assert found[f"rms e_{name}, t >= 5 s"] == pytest.approx(value, abs=1.01 * half), name
     assert found["max |torque of yaw|"] == pytest.approx(yaw, abs=0.5e-4)
@@ -193,8 +193,8 @@ def test_with_the_predictor_alone_the_control_winds_up_and_the_vehicle_is_lost(r
 
 @pytest.mark.parametrize("case", CASES)
 def test_at_its_own_step_the_loop_keeps_its_limits(ran: Callable[..., Ran], case: str) -> None:
-    told, _ = ran(f"{case}-rotors")
-    limits = [metric for metric in told["metrics"] if metric["limit"] is not None]
+    output, _ = ran(f"{case}-rotors")
+    limits = [metric for metric in output["metrics"] if metric["limit"] is not None]
     assert len(limits) == 10 and all(metric["value"] <= metric["limit"] for metric in limits), limits
 
 

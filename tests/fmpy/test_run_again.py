@@ -36,12 +36,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_results_tell_how_they_came_about(results: Path) -> None:
-    told = json.loads((results / "metrics.json").read_text())
-    assert told["versions"].keys() == {"program", "sources", "format"} and len(told["source"]["checksum"]) == 64
-    settings = told["settings"]
+    recorded = json.loads((results / "metrics.json").read_text())
+    assert recorded["versions"].keys() == {"program", "sources", "format"} and len(recorded["source"]["checksum"]) == 64
+    settings = recorded["settings"]
     assert (settings["stop_time"], settings["step"], settings["order"]) == (0.1, 0.002, "jacobi")
     assert settings["set"] == ["controller.adaptation_gain=2e4", "plant.omega=2.5"]
-    units = told["units"]
+    units = recorded["units"]
     assert set(units) == {"reference", "plant", "controller"}
     # What the loop sets is the unit's own value here; what the user sets isn't.
     assert units["reference"]["parameters"] == {}
@@ -51,10 +51,10 @@ def test_results_tell_how_they_came_about(results: Path) -> None:
 
 
 def test_a_run_again_gives_the_same_numbers(results: Path) -> None:
-    told, notes = again(results)
-    assert told["again"] == {"of": str(results), "differences": [], "same_numbers": True}
+    output, notes = again(results)
+    assert output["again"] == {"of": str(results), "differences": [], "same_numbers": True}
     assert "is identical to that of" in notes and "differs" not in notes
-    other = Path(told["results"])
+    other = Path(output["results"])
     assert other.name == f"{LOOP}@again" and other.parent == results.parent
     assert (other / "result.csv").read_bytes() == (results / "result.csv").read_bytes()
     # It takes nothing's place that it is compared with.
@@ -67,14 +67,14 @@ def test_a_loop_that_is_not_there_is_told_as_its_results_name_it(tmp_path: Path)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     assert adaptive_fmu("run", "loops/dc_motor", "--until", 0.1, "--out", "results", folder=tmp_path).returncode in (0, 3)
-    told = fails("run", "--again", tmp_path / "results" / "dc_motor", folder=elsewhere)
-    assert "the run used the loop `loops/dc_motor`, relative to the folder in which it was started" in told
+    error = fails("run", "--again", tmp_path / "results" / "dc_motor", folder=elsewhere)
+    assert "the run used the loop `loops/dc_motor`, relative to the folder in which it was started" in error
     assert list(elsewhere.iterdir()) == []
 
 
 def test_a_composite_is_run_again_as_one(tmp_path: Path) -> None:
-    told = ran(tmp_path, "--composite", "--set", "relative_tolerance=1e-4")
-    assert told["settings"]["order"] is None and told["settings"]["composite"]
+    output = ran(tmp_path, "--composite", "--set", "relative_tolerance=1e-4")
+    assert output["settings"]["order"] is None and output["settings"]["composite"]
     repeated, _ = again(tmp_path / f"{LOOP}-composite")
     assert repeated["again"]["differences"] == [] and repeated["again"]["same_numbers"]
 
@@ -93,14 +93,14 @@ def test_a_changed_loop_a_changed_set_and_another_version_are_noticed(tmp_path: 
     # The same numbers, but the text is another one.
     structure = loop / "SystemStructure.ssd"
     structure.write_text(structure.read_text().replace("</ssd:System>", "</ssd:System><!-- edited -->", 1))
-    told, notes = again(results)
-    (difference,) = told["again"]["differences"]
-    assert difference.startswith("source.checksum was") and told["again"]["same_numbers"] and difference in notes
+    output, notes = again(results)
+    (difference,) = output["again"]["differences"]
+    assert difference.startswith("source.checksum was") and output["again"]["same_numbers"] and difference in notes
     case.write_text(case_text % 3)
-    told, _ = again(results)
-    words = " ".join(told["again"]["differences"])
+    output, _ = again(results)
+    words = " ".join(output["again"]["differences"])
     assert "settings.cases" in words and "units.plant.parameters.omega was 2.5, is 3.0" in words
-    assert not told["again"]["same_numbers"]
+    assert not output["again"]["same_numbers"]
     metrics = results / "metrics.json"
     known = json.loads(metrics.read_text())
     known["versions"]["sources"] = "0123"
@@ -110,8 +110,8 @@ def test_a_changed_loop_a_changed_set_and_another_version_are_noticed(tmp_path: 
 
 def test_an_fmu_from_elsewhere_is_told_by_file_and_checksum(fmu_folder: Path, tmp_path: Path) -> None:
     fmus = shutil.copytree(fmu_folder, tmp_path / "fmus")
-    told = ran(tmp_path, "--fmus", fmus)
-    file = told["units"]["plant"]["file"]
+    output = ran(tmp_path, "--fmus", fmus)
+    file = output["units"]["plant"]["file"]
     assert file["name"] == str(fmus / "NonlinearSiso.fmu") and len(file["checksum"]) == 64
     assert again(tmp_path / LOOP)[0]["again"]["same_numbers"]
     with (fmus / "NonlinearSiso.fmu").open("r+b") as archive:
@@ -161,8 +161,8 @@ def test_a_damaged_table_is_neither_compared_nor_run_again(what: str, results: P
     if damaged is not None:
         table.write_text(damaged)
     for words in [("compare", results, folder), ("run", "--again", folder)]:
-        told = fails(*words, "--out", tmp_path / "out")
-        assert str(table) in told and reason in told
+        error = fails(*words, "--out", tmp_path / "out")
+        assert str(table) in error and reason in error
     assert not (tmp_path / "out").exists()
 
 
@@ -187,8 +187,8 @@ def test_runs_under_tags_stand_side_by_side(tmp_path: Path) -> None:
 
 
 def test_few_rows_are_written_and_metrics_are_of_all_points(results: Path, tmp_path: Path) -> None:
-    told = ran(tmp_path, *SET, "--every", 0.01)
-    assert told["metrics"] == json.loads((results / "metrics.json").read_text())["metrics"]
+    output = ran(tmp_path, *SET, "--every", 0.01)
+    assert output["metrics"] == json.loads((results / "metrics.json").read_text())["metrics"]
     all_rows, few = read_csv(results / "result.csv"), read_csv(tmp_path / LOOP / "result.csv")
     assert few["time"] == pytest.approx(np.linspace(0, 0.1, 11))
     assert np.array_equal(few["plant.x[1]"], all_rows["plant.x[1]"][::5])
@@ -197,8 +197,8 @@ def test_few_rows_are_written_and_metrics_are_of_all_points(results: Path, tmp_p
     times = read_csv(tmp_path / f"{LOOP}@odd" / "result.csv")["time"]
     assert times[:4] == pytest.approx([0, 0.006, 0.01, 0.016]) and times[-1] == pytest.approx(0.1)
     # Again, they are as few.
-    told, _ = again(tmp_path / f"{LOOP}@odd")
-    assert told["again"]["same_numbers"]
+    output, _ = again(tmp_path / f"{LOOP}@odd")
+    assert output["again"]["same_numbers"]
 
 
 def test_parquet_holds_the_columns_of_the_csv_and_their_units(tmp_path: Path) -> None:
@@ -210,8 +210,8 @@ def test_parquet_holds_the_columns_of_the_csv_and_their_units(tmp_path: Path) ->
     assert read.column_names == list(table) and len(table) > 10
     for name in table:
         assert np.array_equal(read[name].to_numpy(), table[name]), name
-    told = {key.decode(): value.decode() for key, value in read.schema.metadata.items()}
-    assert told["unit of time"] == "s"
+    metadata = {key.decode(): value.decode() for key, value in read.schema.metadata.items()}
+    assert metadata["unit of time"] == "s"
     assert {mark["rows"] for mark in marks.values()} == {len(table["time"])}
     # The table's other form is checked as well.
     content = file.read_bytes()

@@ -39,18 +39,18 @@ def every(fmu_folder: Path, tmp_path_factory) -> tuple[Path, list[dict]]:
 
 @pytest.mark.slow
 def test_every_loop_of_the_package_is_run_and_holds(every) -> None:
-    out, told = every
-    assert [one["loop"] for one in told] == LOOP_NAMES
+    out, rows = every
+    assert [one["loop"] for one in rows] == LOOP_NAMES
     assert [one["name"] for one in json.loads(adaptive_fmu("list", "--json").stdout)["loops"]] == LOOP_NAMES
-    for one in told:
+    for one in rows:
         assert (one["verdict"], Path(one["results"])) == ("holds", out / one["loop"]) and one["seconds"] > 0.0
         assert json.loads((out / one["loop"] / "metrics.json").read_text())["metrics"] == one["metrics"]
 
 
 @pytest.mark.slow
 def test_a_loop_that_is_to_fail_holds_when_it_does(every) -> None:
-    _, told = every
-    failed = {one["loop"]: one["error"] for one in told if one["ended"] == "failed"}
+    _, rows = every
+    failed = {one["loop"]: one["error"] for one in rows if one["ended"] == "failed"}
     assert "diverges" in failed[DIVERGING]
     assert all("<ExpectedFailure" in (ROOT / "examples" / name / "SystemStructure.ssd").read_text() for name in failed)
 
@@ -65,14 +65,14 @@ def test_a_loop_among_all_has_the_results_that_it_has_alone(every, name: str, fm
 
 
 def test_a_loop_beyond_its_limit_is_named_and_has_its_exit_code(fmu_folder: Path, tmp_path: Path) -> None:
-    told = json.loads(run_all("--json", *BEYOND, "--fmus", fmu_folder, "--out", tmp_path, code=3).stdout)["loops"]
+    output = json.loads(run_all("--json", *BEYOND, "--fmus", fmu_folder, "--out", tmp_path, code=3).stdout)["loops"]
     table = run_all(*BEYOND, "--fmus", fmu_folder, "--out", tmp_path, code=3).stdout
     beyond = []
-    for one in told:
+    for one in output:
         limits = [(m["value"], m["limit"]) for m in one["metrics"] if None not in (m["value"], m["limit"])]
         if one["ended"] == "complete" and any(value > limit for value, limit in limits):
             beyond.append(one["loop"])
-    assert beyond and [one["loop"] for one in told if one["verdict"] == "beyond limit"] == beyond
+    assert beyond and [one["loop"] for one in output if one["verdict"] == "beyond limit"] == beyond
     assert [name for name, row in rows(table).items() if row.startswith("beyond limit")] == beyond
     assert (
         f"{len(LOOP_NAMES) - len(beyond)} of {len(LOOP_NAMES)} loops pass; beyond limit: {', '.join(beyond)}" in table
@@ -92,9 +92,9 @@ def test_a_loop_that_cant_be_run_is_told_and_the_others_run(fmu_folder: Path, tm
 
 
 def test_the_table_tells_metrics_limits_and_times(fmu_folder: Path, tmp_path: Path) -> None:
-    told = rows(run_all("--until", "0.2", "--fmus", fmu_folder, "--out", tmp_path, code=0).stdout)
-    assert re.fullmatch(r"passes +\d+\.\d s  max \|y - y_m\| –  .*max \|u\| \d\.\d+ ≤ 2\.85", told["3.2.1-cosine"])
-    assert re.fullmatch(r"passes +\d+\.\d s  failed at t = 0\.11\d* s, as expected", told[DIVERGING])
+    output = rows(run_all("--until", "0.2", "--fmus", fmu_folder, "--out", tmp_path, code=0).stdout)
+    assert re.fullmatch(r"passes +\d+\.\d s  max \|y - y_m\| –  .*max \|u\| \d\.\d+ ≤ 2\.85", output["3.2.1-cosine"])
+    assert re.fullmatch(r"passes +\d+\.\d s  failed at t = 0\.11\d* s, as expected", output[DIVERGING])
 
 
 def test_all_loops_as_one_unit_each(fmu_folder: Path, tmp_path: Path) -> None:

@@ -91,12 +91,12 @@ def test_the_page_loads_nothing(results: Path) -> None:
 
 def test_the_page_tells_metrics_and_settings(results: Path) -> None:
     page = html.document_fromstring((results / "index.html").read_text())
-    told = json.loads((results / "metrics.json").read_text())
-    assert told["ended"] == "complete" and not page.find_class("bad")
+    recorded = json.loads((results / "metrics.json").read_text())
+    assert recorded["ended"] == "complete" and not page.find_class("bad")
     rows = [[cell.text_content().strip() for cell in row] for row in page.get_element_by_id("metrics").iter("tr")]
-    expected = [[m["label"], f"{m['limit']:g}", "yes"] for m in told["metrics"]]
+    expected = [[m["label"], f"{m['limit']:g}", "yes"] for m in recorded["metrics"]]
     assert [[label, *rest] for label, _, *rest in rows[1:]] == expected and len(expected) == 3
-    assert [float(row[1]) for row in rows[1:]] == pytest.approx([m["value"] for m in told["metrics"]], rel=6e-4)
+    assert [float(row[1]) for row in rows[1:]] == pytest.approx([m["value"] for m in recorded["metrics"]], rel=6e-4)
     settings = page.get_element_by_id("settings").text_content()
     assert all(word in settings for word in ["60 s", "0.001 s", "gauss-seidel", "L1NonlinearSiso"])
     assert "ReferenceNonlinearSiso with cosine_amplitude[1] = 2.0, cosine_frequency[1] = 0.2" in settings
@@ -169,9 +169,9 @@ def test_a_reader_zooms_hides_curves_and_reads_values(results: Path, tmp_path: P
     hidden = after("document.querySelector('.legend button').click();")
     assert [len(plot.find_class("curve")) for plot in hidden] == [len(PLOTTED[0]) - 1, len(PLOTTED[1])]
     # Under the pointer: the time, and the recorded point of each curve that is nearest to it.
-    (told,) = after("at('pointermove', 300, 100);")[0].find_class("readout")
-    _, *lines = told.itertext()
-    time = told.text.removeprefix("time = ").removesuffix(" s")
+    (readout,) = after("at('pointermove', 300, 100);")[0].find_class("readout")
+    _, *lines = readout.itertext()
+    time = readout.text.removeprefix("time = ").removesuffix(" s")
     table = read_csv(results / "result.csv")
     for name, line in zip(PLOTTED[0], lines, strict=True):
         value, _, own = line.removeprefix(f"{name}: ").partition(" at ")

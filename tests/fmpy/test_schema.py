@@ -71,9 +71,9 @@ def test_names_of_ones_own_may_stand_in_start() -> None:
 def test_the_schema_says_what_a_key_of_start_is_and_its_unit() -> None:
     kind = next(kind["then"] for kind in SCHEMA["allOf"] if kind["if"]["properties"]["model"]["const"] == "sensor")
     start = kind["properties"]["start"]["properties"]
-    told = {name: SCHEMA["definitions"][value["$ref"].split("/")[-1]] if "$ref" in value else value for name, value in start.items()}
-    assert told["delay"]["description"].endswith("[s]") and "delay" in told["delay"]["description"]
-    assert all(value["description"] for value in told.values())
+    properties = {name: SCHEMA["definitions"][value["$ref"].split("/")[-1]] if "$ref" in value else value for name, value in start.items()}
+    assert properties["delay"]["description"].endswith("[s]") and "delay" in properties["delay"]["description"]
+    assert all(value["description"] for value in properties.values())
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,10 @@ STOP, STEP = 0.5, 1e-2
 def simulate(fmu: Path, out: Path, *options: str | Path) -> dict[str, np.ndarray]:
     answer = adaptive_fmu("simulate", fmu, "--json", "--out", out, *options)
     assert (answer.returncode, answer.stderr) == (0, ""), answer
-    told = json.loads(answer.stdout)
-    table = read_csv(Path(told["results"]) / "result.csv")
-    assert told["ended"] == "complete" and all(told["last"][name] == table[name][-1] for name in told["last"])
-    assert {file.name for file in Path(told["results"]).iterdir()} == {"index.html", "metrics.json", "plot.svg", "result.csv"}
+    output = json.loads(answer.stdout)
+    table = read_csv(Path(output["results"]) / "result.csv")
+    assert output["ended"] == "complete" and all(output["last"][name] == table[name][-1] for name in output["last"])
+    assert {file.name for file in Path(output["results"]).iterdir()} == {"index.html", "metrics.json", "plot.svg", "result.csv"}
     return table
 
 
@@ -110,8 +110,8 @@ def test_wrong_inputs_are_refused_by_line_and_name(fmu, tmp_path: Path) -> None:
         ("time,u[1]\n1,0\n0,0\n", ["line 3", "time = 0", "before"]),
     ]:
         file.write_text(text)
-        told = refused(fmu(PLANT).path, "--input", file, "--out", tmp_path)
-        assert all(part in told for part in ["input.csv", *parts]), told
+        error = refused(fmu(PLANT).path, "--input", file, "--out", tmp_path)
+        assert all(part in error for part in ["input.csv", *parts]), error
     assert "`speed`" in refused(fmu(PLANT).path, "--record", "speed", "--out", tmp_path)
     assert "`speed`" in refused(fmu(PLANT).path, "--set", "speed=1", "--out", tmp_path)
 

@@ -265,16 +265,16 @@ def test_integers_of_a_saved_state_that_no_instance_has_are_refused_alike(name: 
 
 
 def test_both_round_the_step_that_they_advise_down(forms: Callable) -> None:
-    told = []
+    messages = []
     for unit in forms(Unit, "PidNonlinearSiso"):
         unit["K_p[1]"], unit["K_i[1]"], unit["K_d[1]"] = 2.0, 0.0, 0.0
         unit.start()
         for k in range(40):
             unit["y[1]"] = -(0.812**k)
             unit.step(k * 1e-3, 1e-3)
-        told.append([message.text for message in unit.messages if message.category == "logStepTooLong"])
+        messages.append([message.text for message in unit.messages if message.category == "logStepTooLong"])
     # 0.65 of the limit of 0.13 over a move of 0.188: 4.49e-4 s.
-    assert told[0] == told[1] and "Try 4.4e-4 s or less" in told[0][0]
+    assert messages[0] == messages[1] and "Try 4.4e-4 s or less" in messages[0][0]
 
 
 @pytest.mark.parametrize("clock", ["single precision", "microseconds"])
@@ -299,16 +299,16 @@ def test_both_follow_a_host_whose_clock_is_coarse_and_log_it_once(clock: str, fo
 
 @pytest.mark.parametrize("method", ["automatic", "stiff", "fixed"])
 def test_both_tell_by_which_method_they_are_integrated_and_which_eigenvalue_decided(method: str, forms: Callable) -> None:
-    told = []
+    messages = []
     for unit in forms(Unit, "TwoLinkRobot"):
         unit["integration_method"] = method
         unit.start()
         for k in range(200):
             unit["u[1]"] = 50.0 if k % 40 < 20 else -50.0
             unit.step(k * 0.01, 0.01)
-        told.append(unit.messages)
-    assert told[0] == told[1]
-    texts = [message.text for message in told[0] if "integrated by" in message.text]
+        messages.append(unit.messages)
+    assert messages[0] == messages[1]
+    texts = [message.text for message in messages[0] if "integrated by" in message.text]
     assert texts and ("eigenvalue" in texts[0] if method == "automatic" else "as integration_method asks" in texts[0])
 
 

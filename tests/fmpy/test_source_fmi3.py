@@ -469,13 +469,13 @@ def test_what_is_refused_leaves_no_instance(both) -> None:
     _, compiled = both("Reference")
     with Unit3(compiled, logging=False) as unit:
         instance = unit.instance
-        for arguments, told in [
+        for arguments, message in [
             ((b"unit", b"{another}"), "fmi3InstantiateModelExchange: the instantiation token `{another}` is not that"),
             ((b"", instance.guid.encode()), "fmi3InstantiateModelExchange: instanceName is NULL or empty"),
             ((b"unit", None), "fmi3InstantiateModelExchange: instantiationToken is NULL"),
         ]:
             made = instance.fmi3InstantiateModelExchange(*arguments, None, False, False, None, instance.logMessage)
-            assert made is None and unit.messages.pop()[2].startswith(told)
+            assert made is None and unit.messages.pop()[2].startswith(message)
         with pytest.raises(FMICallException):
             instance.enterStepMode()
         assert unit.messages.pop()[2].startswith("fmi3EnterStepMode is not allowed while the instance is instantiated")

@@ -86,8 +86,8 @@ def findings(file: Path, *options: str) -> list[tuple[str, str, str, str]]:
     """What cppcheck finds: file, line, column and what. A define that means nothing keeps it to one configuration."""
     template = "--template={file}:{line}:{column}:{id}"
     command = [tool("cppcheck"), "--std=c99", "--quiet", "-DONE_CONFIGURATION", template, *options, file]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    found = [line.rsplit(":", 3) for line in told.splitlines() if line.count(":") >= 3]
+    error = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    found = [line.rsplit(":", 3) for line in error.splitlines() if line.count(":") >= 3]
     return [(Path(where).name, line, column, what) for where, line, column, what in found]
 
 
@@ -168,8 +168,8 @@ def test_libraries_of_all_platforms_offer_the_functions_of_the_standard(platform
         ".dylib": ["llvm-nm", "-gU"],
     }
     program, *options = commands[PLATFORMS[platform]]
-    told = subprocess.run([tool(program), *options, library], capture_output=True, text=True, check=True).stdout
-    assert set(re.findall(r"\b_?fmi2(\w+)", told)) == set(STANDARD)
+    output = subprocess.run([tool(program), *options, library], capture_output=True, text=True, check=True).stdout
+    assert set(re.findall(r"\b_?fmi2(\w+)", output)) == set(STANDARD)
 
 
 @pytest.mark.slow

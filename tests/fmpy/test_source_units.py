@@ -198,8 +198,8 @@ def test_messages_tell_numbers_by_the_fewest_digits_however_they_are_compiled(co
     main, program = ROOT / "tests" / "fmpy" / "numbers_told.c", tmp_path / "digits"
     command = [compiler, "-std=c99", level, f"-I{sources('NonlinearSiso')}", main, "-lm", "-o", program]
     subprocess.run(command, check=True)
-    told = subprocess.run([program], capture_output=True, text=True, check=False)
-    assert told.returncode == 0, told.stdout
+    answer = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert answer.returncode == 0, answer.stdout
 
 
 @pytest.mark.slow
@@ -219,9 +219,9 @@ def test_three_units_run_in_one_program_under_sanitizers(sources, unit, tmp_path
     objects = [tmp_path / f"{name}.o" for name in names]
     program = tmp_path / "program"
     subprocess.run(["gcc", *flags, *defines, f"-I{sources(names[0])}", main, *objects, "-lm", "-o", program], check=True)
-    told = subprocess.run([program], capture_output=True, text=True, check=False)
-    assert told.returncode == 0, told.stderr
-    assert float(told.stdout) == largest_error_of_generic_units(unit)
+    answer = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert answer.returncode == 0, answer.stderr
+    assert float(answer.stdout) == largest_error_of_generic_units(unit)
 
 
 def test_a_refusal_without_a_number_is_told_without_undefined_behaviour(sources, tmp_path) -> None:
@@ -232,14 +232,14 @@ def test_a_refusal_without_a_number_is_told_without_undefined_behaviour(sources,
     main.write_text(f"""
 #include "all.c"
 #include <stdio.h>
-static void told(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String text, ...)
+static void print_message(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String text, ...)
 {{
     (void)e, (void)n, (void)s, (void)c;
     puts(text);
 }}
 int main(void)
 {{
-    const fmi2CallbackFunctions callbacks = {{ told, NULL, NULL, NULL, NULL }};
+    const fmi2CallbackFunctions callbacks = {{ print_message, NULL, NULL, NULL, NULL }};
     const fmi2ValueReference law = {law.valueReference};
     const fmi2Integer sampled = {item};
     fmi2Component c = fmi2Instantiate("unit", fmi2ModelExchange, UNIT_GUID, "", &callbacks, 0, 0);
@@ -251,9 +251,9 @@ int main(void)
 """)
     flags = ["-std=c99", "-O1", "-fsanitize=undefined", "-fno-sanitize-recover=all", f"-I{sources(name)}"]
     subprocess.run(["gcc", *flags, main, "-lm", "-o", program], check=True)
-    told = subprocess.run([program], capture_output=True, text=True, check=False)
-    assert told.returncode == 0, told.stderr
-    assert "only an FMU that is stepped in co-simulation is sampled" in told.stdout
+    answer = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert answer.returncode == 0, answer.stderr
+    assert "only an FMU that is stepped in co-simulation is sampled" in answer.stdout
 
 
 def largest_error_of_generic_units(unit: Callable[..., Unit]) -> float:

@@ -75,8 +75,8 @@ def test_metrics_are_those_of_the_recorded_signals(loop: adaptive_fmu.Loop, tmp_
     stays = np.sum(np.diff(at_limit.astype(int)) > 0) + at_limit[0]
     assert found["time at a limit of controller, s"] == pytest.approx(np.sum(at_limit) * 0.005, abs=0.0051 * (stays + 1))
     # What is written and printed is the same.
-    told = json.loads((tmp_path / "loop" / "metrics.json").read_text())["metrics"]
-    assert {each["label"]: each["value"] for each in told} == {label: float(value) for label, value in found.items()}
+    metrics = json.loads((tmp_path / "loop" / "metrics.json").read_text())["metrics"]
+    assert {each["label"]: each["value"] for each in metrics} == {label: float(value) for label, value in found.items()}
     page = (tmp_path / "loop" / "index.html").read_text()
     assert "settling time of plant.y[1], s" in page
     printed = command("run", loop.name, "--until", "20", *(f"--set={name}={value}" for name, value in values.items()), "--out", tmp_path)

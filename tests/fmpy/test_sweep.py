@@ -46,9 +46,9 @@ def test_a_sweep_measures_what_single_runs_do(gains: Path, tmp_path: Path) -> No
     assert [point[GAIN] for point in points] == ["1000", "10000", "100000"]
     for point in points:
         options = ["--set", f"{GAIN}={point[GAIN]}", "--json", "--out", tmp_path]
-        told = json.loads(adaptive_fmu("run", LOOP, *SHORT, *options).stdout)
-        assert {m["label"]: m["value"] for m in told["metrics"]} == {
-            m["label"]: float(point[m["label"]]) for m in told["metrics"]
+        output = json.loads(adaptive_fmu("run", LOOP, *SHORT, *options).stdout)
+        assert {m["label"]: m["value"] for m in output["metrics"]} == {
+            m["label"]: float(point[m["label"]]) for m in output["metrics"]
         }
         assert point["ended"] == "complete" and point["message"] == ""
 
@@ -84,8 +84,8 @@ def test_its_axes_have_the_words_of_those_of_a_run(tmp_path: Path) -> None:
 def test_a_metric_that_no_run_has_is_told_so_and_a_limit_is_named(tmp_path: Path) -> None:
     folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--until", "1")
     page = html.document_fromstring((folder / "index.html").read_text())
-    told = page.text_content()
-    assert told.count("No run has a value of this metric") == 2 and "Dashed: its limit, 2.85." in told
+    text = page.text_content()
+    assert text.count("No run has a value of this metric") == 2 and "Dashed: its limit, 2.85." in text
     assert [svg.get("aria-label") for svg in page.iter("svg")][0] == "max |u|"
 
 
@@ -117,8 +117,8 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(how: int, tmp_path: Path
         time.sleep(0.01)
     process.send_signal(how)
     out, _ = process.communicate(timeout=120)
-    told = json.loads(out)
-    assert process.returncode == 130 and told["ended"] == "interrupted" and 1 <= len(told["points"]) < 4
+    output = json.loads(out)
+    assert process.returncode == 130 and output["ended"] == "interrupted" and 1 <= len(output["points"]) < 4
     page = html.document_fromstring((record.parent / "index.html").read_text())
     assert "interrupted" in page.find_class("bad")[0].text_content()
     before = json.loads(record.read_text())["points"]
@@ -181,10 +181,10 @@ def test_anything_is_compared_on_one_page(tmp_path: Path) -> None:
     runs = [LOOP, f"{LOOP}@{case}", f"{LOOP}:adaptation_gain=1e3,{OMEGA}=2.5", str(old)]
     answer = adaptive_fmu("compare", *runs, *short, "--json")
     assert answer.returncode == 0, answer
-    told = json.loads(answer.stdout)
+    output = json.loads(answer.stdout)
     names = [LOOP, f"{LOOP}@fast", f"{LOOP}@adaptation_gain=1e3,{OMEGA}=2.5", str(old)]
-    assert [one["loop"] for one in told["loops"]] == names
-    assert told["loops"][0]["metrics"] == told["loops"][3]["metrics"] != told["loops"][2]["metrics"]
+    assert [one["loop"] for one in output["loops"]] == names
+    assert output["loops"][0]["metrics"] == output["loops"][3]["metrics"] != output["loops"][2]["metrics"]
     gain = [json.loads((tmp_path / name / "metrics.json").read_text())["units"]["controller"] for name in names[1:3]]
     assert [unit["parameters"]["adaptation_gain"] for unit in gain] == [2e4, 1e3]
     page = html.document_fromstring((tmp_path / "comparison" / "index.html").read_text())

@@ -79,9 +79,9 @@ def test_numbers_of_parquet_arrive_to_the_bit(how: str, tmp_path: Path) -> None:
         pq.write_table(one, tmp_path / "one.parquet", **options)
         np.testing.assert_array_equal(read_back(tmp_path, "one.parquet"), table[name].to_numpy(dtype=float), err_msg=f"{name} {NUMBER}")
     options = ["--inputs", "voltage", "--states", "levels,few", "--out", "model.json", "--force", "--verbose"]
-    told = program(tmp_path, "identify", "table.parquet", *options)
-    assert "table.parquet: left out: text: has texts, not numbers" in told.stderr
-    assert "the time is the column `time`, in s" in told.stderr
+    answer = program(tmp_path, "identify", "table.parquet", *options)
+    assert "table.parquet: left out: text: has texts, not numbers" in answer.stderr
+    assert "the time is the column `time`, in s" in answer.stderr
 
 
 def test_records_give_the_same_model_from_any_file(tmp_path: Path) -> None:
@@ -199,16 +199,16 @@ def test_matlab_files_that_are_not_read_say_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     (tmp_path / "text.parquet").write_text("time,u\n0,1\n")
     for name, reason in [("old.mat", "version 4"), ("new.mat", "'-v7'"), ("text.parquet", "is not a Parquet file")]:
-        told = program(tmp_path, "simulate", "StateSpace", "--input", name)
-        assert told.returncode == 1 and reason in told.stderr and name in told.stderr, told.stderr
+        answer = program(tmp_path, "simulate", "StateSpace", "--input", name)
+        assert answer.returncode == 1 and reason in answer.stderr and name in answer.stderr, answer.stderr
     # Next to variables that are read, they are left out with a note.
     some = {"time": time, "c": cells, "Ts": 1.0}
     scipy.io.savemat(tmp_path / "some.mat", some)
-    told = program(tmp_path, "simulate", "StateSpace", "--input", "some.mat", "--verbose")
-    assert "some.mat: left out: c is a cell array" in told.stderr and "Ts (1×1) is left out: it has no 10 rows" in told.stderr
+    answer = program(tmp_path, "simulate", "StateSpace", "--input", "some.mat", "--verbose")
+    assert "some.mat: left out: c is a cell array" in answer.stderr and "Ts (1×1) is left out: it has no 10 rows" in answer.stderr
     scipy.io.savemat(tmp_path / "some.mat", some | {"u": time[:, None]})
-    told = program(tmp_path, "simulate", "StateSpace", "--input", "some.mat")
-    assert "the FMU has no input `u`; did you mean `u[1]`?" in told.stderr and "line 1" not in told.stderr
+    answer = program(tmp_path, "simulate", "StateSpace", "--input", "some.mat")
+    assert "the FMU has no input `u`; did you mean `u[1]`?" in answer.stderr and "line 1" not in answer.stderr
 
 
 def test_wrong_rows_are_refused_by_their_number(tmp_path: Path) -> None:
@@ -224,35 +224,35 @@ def test_wrong_rows_are_refused_by_their_number(tmp_path: Path) -> None:
 def test_what_was_assumed_of_a_file_is_printed_with_verbose(tmp_path: Path) -> None:
     text = "t [ms];u[1];on\n0;0,5;true\n500;1;false\n500;2,5;true\n1000;1;true\n"
     (tmp_path / "input.csv").write_text(text.replace(";on", "").replace(";true", "").replace(";false", ""))
-    told = program(tmp_path, "simulate", "StateSpace", "--input", "input.csv", "--verbose", "--until", "1")
-    assert told.returncode == 0, told.stderr
+    answer = program(tmp_path, "simulate", "StateSpace", "--input", "input.csv", "--verbose", "--until", "1")
+    assert answer.returncode == 0, answer.stderr
     for line in [
         "the separator is `;`, the decimal mark is `,`",
         "the time is the column `t`, in ms",
         "jumps, since two rows have the same time: 0.5 s",
         "interpolated linearly: u[1]",
     ]:
-        assert f"input.csv: {line}\n" in told.stderr, told.stderr
+        assert f"input.csv: {line}\n" in answer.stderr, answer.stderr
     assert "input.csv" not in program(tmp_path, "simulate", "StateSpace", "--input", "input.csv", "--until", "1").stderr
     # Units, held inputs and parameters.
     tunable = "time\tenabled\tadaptation_gain\nms\t\t\n0\ttrue\t100\n1\tfalse\t200\n"
     (tmp_path / "tunable.csv").write_text(tunable)
-    told = program(tmp_path, "simulate", "L1NonlinearSiso", "--input", "tunable.csv", "--verbose", "--until", "0.01")
+    answer = program(tmp_path, "simulate", "L1NonlinearSiso", "--input", "tunable.csv", "--verbose", "--until", "0.01")
     for line in ["the separator is a tab", "line 2 has the units of measurement", "true is 1, false is 0", "zero-order hold: enabled"]:
-        assert f"tunable.csv: {line}\n" in told.stderr, told.stderr
-    assert "tunable.csv: set parameters, from row to row: adaptation_gain\n" in told.stderr, told.stderr
+        assert f"tunable.csv: {line}\n" in answer.stderr, answer.stderr
+    assert "tunable.csv: set parameters, from row to row: adaptation_gain\n" in answer.stderr, answer.stderr
     table = frame().rename(columns={"speed [rad/s]": "speed [rpm]"})
     table.loc[[3, 5], "speed [rpm]"] = np.nan
     table.assign(record=1).to_csv(tmp_path / "record.csv", index=False)
-    told = program(tmp_path, "identify", "record.csv", *SIGNALS, "--verbose")
+    answer = program(tmp_path, "identify", "record.csv", *SIGNALS, "--verbose")
     for line in [
         "the separator is `,`, the decimal mark is `.`",
         "missing values (empty cells or NaN): 2",
         "the time is the column `time`, in s",
         "the column `record` divides it: 1 record",
     ]:
-        assert f"record.csv: {line}\n" in told.stderr, told.stderr
-    assert "speed was converted from rpm to rad/s" in told.stderr
+        assert f"record.csv: {line}\n" in answer.stderr, answer.stderr
+    assert "speed was converted from rpm to rad/s" in answer.stderr
 
 
 def memory(process: int) -> int:
@@ -297,10 +297,10 @@ def test_damaged_files_never_end_the_program(tmp_path: Path) -> None:
             # What can be read lacks this column.
             with pytest.raises(adaptive_fmu.Error) as error:
                 adaptive_fmu.identify(broken, ["nothing"], ["speed"])
-            told = str(error.value)
-            assert "The program" not in told, (file, NUMBER, told)
-            read += "nothing" in told
-            refused += "nothing" not in told
+            message = str(error.value)
+            assert "The program" not in message, (file, NUMBER, message)
+            read += "nothing" in message
+            refused += "nothing" not in message
     assert refused > 100 and read > 20, (refused, read)
     # 32 MiB, and what the program takes by itself.
     assert memory(_pool._idle[-1].process.pid) < 250

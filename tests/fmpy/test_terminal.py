@@ -73,14 +73,14 @@ def test_verbose_tells_where_units_come_from_and_how_they_run(tmp_path: Path) ->
 
 
 def test_verbose_tells_by_which_method_units_are_integrated_and_the_eigenvalue_that_decided(tmp_path: Path) -> None:
-    told = lambda *more: adaptive_fmu(*RUN, *more, "--json", "-v", folder=tmp_path).stderr  # noqa: E731
+    stderr = lambda *more: adaptive_fmu(*RUN, *more, "--json", "-v", folder=tmp_path).stderr  # noqa: E731
     method = r"3.2.1-cosine\S*: {}: integrated by the {} from t = \S+ s"
     value = r": the eigenvalue -\S+( ± \S+i)? 1/s allows substeps of \S+ s at order 5"
-    lines = told()
+    lines = stderr()
     assert re.search(method.format("plant", "explicit method"), lines)
     assert re.search(method.format("controller", "explicit method") + value, lines), lines
-    assert re.search(method.format("\\S+", r"explicit method") + value, told("--composite"))
-    stiff = told("--set", "controller.integration_method=stiff")
+    assert re.search(method.format("\\S+", r"explicit method") + value, stderr("--composite"))
+    stiff = stderr("--set", "controller.integration_method=stiff")
     assert re.search(method.format("controller", "stiff method") + ", as integration_method asks", stiff), stiff
     for quiet in [adaptive_fmu(*RUN, folder=tmp_path), adaptive_fmu(*RUN, "-q", folder=tmp_path)]:
         assert "integrated" not in quiet.stdout + quiet.stderr, "nobody asked"
@@ -224,7 +224,7 @@ def test_a_page_that_cant_be_opened_is_a_warning(opener: tuple[dict[str, str], P
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["linearise", "NonlinearSiso", "--at", "-1"], "--at = -1: must be at or after the start time"),
         (["linearise", "NonlinearSiso", "--at", "inf"], "must be a finite number"),
@@ -237,13 +237,13 @@ def test_a_page_that_cant_be_opened_is_a_warning(opener: tuple[dict[str, str], P
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_a_negative_number_is_a_value_and_is_judged_as_one(words: list[str], told: str, tmp_path: Path) -> None:
+def test_a_negative_number_is_a_value_and_is_judged_as_one(words: list[str], message: str, tmp_path: Path) -> None:
     done = adaptive_fmu(*words, folder=tmp_path)
-    assert done.returncode in (1, 2) and told in done.stderr
+    assert done.returncode in (1, 2) and message in done.stderr
 
 
 def test_negative_start_values_and_weights_are_taken(tmp_path: Path) -> None:
-    told = json.loads(adaptive_fmu("linearise", "NonlinearSiso", "--set", "x0[1]=-1", "--json").stdout)
-    assert told["states"][0]["value"] == -1
+    output = json.loads(adaptive_fmu("linearise", "NonlinearSiso", "--set", "x0[1]=-1", "--json").stdout)
+    assert output["states"][0]["value"] == -1
     done = adaptive_fmu(*RUN, "--set", "plant.x0[1]=-0.5", "--json", folder=tmp_path)
     assert done.returncode == 0, done

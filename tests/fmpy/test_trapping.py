@@ -63,11 +63,11 @@ def ran_without_exception(build: list[str], file: str, folder: Path, program: Pa
 def test_no_exception_is_raised_from_the_start_and_from_random_states(name, build, sources, tmp_path) -> None:
     program = tmp_path / "trapping"
     step = fmpy.read_model_description(str(sources / name)).defaultExperiment.stepSize
-    told = ran_without_exception(build, "trapping.c", sources / name / "sources", program, step)
+    output = ran_without_exception(build, "trapping.c", sources / name / "sources", program, step)
     # A point that is refused shows nothing. A unit refuses most of those at states of a million nominal values.
-    assert int(told.split()[0]) >= 120, told
+    assert int(output.split()[0]) >= 120, output
     # A unit computes as it always does, however its host rounds.
-    assert started(program, step, "downward").stdout == told
+    assert started(program, step, "downward").stdout == output
 
 
 @pytest.mark.parametrize("build", BUILDS, ids=" ".join)
@@ -97,5 +97,5 @@ def test_no_exception_is_raised_by_a_law_for_a_target(name, build, sources, tmp_
         f"#define LAW_REFUSED {name}_REFUSED\n#define LAW_INPUTS {sizes['inputs']}\n#define LAW_STATES {sizes['states']}\n"
         f"#define STATES(self) ({states})\nstatic const law_real starts[] = {{ {', '.join(v.start for v in read)} }};\n"
     )
-    told = ran_without_exception(build, "trapping_law.c", tmp_path, tmp_path / "trapping")
-    assert int(told) >= 48, told
+    output = ran_without_exception(build, "trapping_law.c", tmp_path, tmp_path / "trapping")
+    assert int(output) >= 48, output

@@ -182,8 +182,8 @@ def test_random_starts_lead_to_the_nearest_hover_within_bounds(number: int, fmu,
 
 def test_an_input_at_its_bound_is_named(fmu, tmp_path: Path) -> None:
     weak = bounded(fmu("Quadrotor"), tmp_path, 0.0, 5.0)
-    told = fails(weak, *HOVER)
-    assert "der(x[6]) = -1.476667 m/s2 remains" in told and "u[1] is at its largest value, 5 N" in told
+    error = fails(weak, *HOVER)
+    assert "der(x[6]) = -1.476667 m/s2 remains" in error and "u[1] is at its largest value, 5 N" in error
     # The climb that is wanted is the one of the largest thrust.
     options = ["--set", "m=0.5", "--free", "u[1]", "--want", f"der(x[6])={5 / 0.5 - 9.81!r}"]
     linear = linearise(weak, *options)
@@ -194,21 +194,21 @@ def test_an_input_at_its_bound_is_named(fmu, tmp_path: Path) -> None:
 
 
 def test_where_nothing_is_free_the_message_proposes_inputs() -> None:
-    told = fails("Quadrotor", "--want", "y[3]=1", "--set", "m=0.6")
-    assert "no operating point was found from the start values, nor from 5 others near them" in told
-    assert "der(x[6]) = -1.635 m/s2 remains" in told and "18 equations in 17 unknowns" in told
-    assert re.search(r"An input that would help if it were free: --free u\[1\]$", told.strip())
+    error = fails("Quadrotor", "--want", "y[3]=1", "--set", "m=0.6")
+    assert "no operating point was found from the start values, nor from 5 others near them" in error
+    assert "der(x[6]) = -1.635 m/s2 remains" in error and "18 equations in 17 unknowns" in error
+    assert re.search(r"An input that would help if it were free: --free u\[1\]$", error.strip())
     # The balance of yaw asks for the other voltage, which acts by the state of its rotor.
     assert "An input that would help if it were free: --free u[2]" in fails("TwinRotor", "--free", "u[1]", "--want", "y[1]=0.3")
     # No input acts on a height that can't be both.
-    told = fails("Quadrotor", *inputs("Quadrotor"), "--want", "y[3]=1", "--want", "x[3]=2")
-    assert "y[3] = 1.5 m instead of 1 m" in told and "x[3] = 1.5 m instead of 2 m" in told and "--free" not in told
+    error = fails("Quadrotor", *inputs("Quadrotor"), "--want", "y[3]=1", "--want", "x[3]=2")
+    assert "y[3] = 1.5 m instead of 1 m" in error and "x[3] = 1.5 m instead of 2 m" in error and "--free" not in error
 
 
 def test_an_input_without_effect_is_named() -> None:
     # The plant's own limit of the thrust is at 15 N.
-    told = fails("Quadrotor", *HOVER, "--set", "u[1]=20")
-    assert "u[1] has no effect there" in told and "--set u[1]=VALUE" in told and "der(x[6])" in told
+    error = fails("Quadrotor", *HOVER, "--set", "u[1]=20")
+    assert "u[1] has no effect there" in error and "--set u[1]=VALUE" in error and "der(x[6])" in error
 
 
 @pytest.mark.parametrize(
@@ -226,8 +226,8 @@ def test_an_input_without_effect_is_named() -> None:
     ids=lambda value: " ".join(value),
 )
 def test_names_that_are_wrong_are_refused(options: list[str], words: list[str]) -> None:
-    told = fails("Quadrotor", *options)
-    assert all(word in told for word in words), told
+    error = fails("Quadrotor", *options)
+    assert all(word in error for word in words), error
 
 
 @pytest.mark.parametrize("option", ["--want=y[3]", "--want=y[3]=high", "--want=y[3]=nan", "--free=", "--hold=,"])
@@ -263,8 +263,8 @@ def test_without_model_exchange_there_is_no_search(fmu, tmp_path: Path) -> None:
 
 
 def test_inputs_of_a_loop_have_their_names_there() -> None:
-    told = fails("3.2.1-cosine", "--free", "u_manual[1]")
-    assert "no continuous Real input named `u_manual[1]`" in told and "controller.u_manual[1]" in told
+    error = fails("3.2.1-cosine", "--free", "u_manual[1]")
+    assert "no continuous Real input named `u_manual[1]`" in error and "controller.u_manual[1]" in error
 
 
 def test_new_and_design_take_the_operating_point_of_an_fmu(fmu, tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_new_and_design_take_the_operating_point_of_an_fmu(fmu, tmp_path: Path) 
     found = package.linearise(file)
     np.testing.assert_allclose(found.A, linear["A"], atol=1e-12)
     np.testing.assert_allclose(found.B[:, :2], linear["B"], atol=1e-12)
-    told = adaptive_fmu(
+    answer = adaptive_fmu(
         "design",
         fmu("TwinRotor").path,
         *words,
@@ -289,7 +289,7 @@ def test_new_and_design_take_the_operating_point_of_an_fmu(fmu, tmp_path: Path) 
         "--out",
         tmp_path / "d",
     )
-    assert told.returncode in (0, 3) and "u[1] = 0.8218528 V" in told.stderr, told
+    assert answer.returncode in (0, 3) and "u[1] = 0.8218528 V" in answer.stderr, answer
 
 
 @pytest.mark.parametrize("command", [["new", "pid", "--name", "P"], ["new", "pid", "--name", "P", "--plant"], ["design"]])
@@ -298,9 +298,9 @@ def test_matrices_have_no_operating_point(command: list[str], tmp_path: Path) ->
     is_alone = command[-1] == "P"
     more = [] if is_alone else ["plant.json"]
     settle = ["--bandwidth", "2"] if command[0] == "design" else []
-    told = adaptive_fmu(*command, *more, *settle, "--free", "u", folder=tmp_path)
-    assert told.returncode == 1 and "--free, --want and --hold are for an FMU as the plant" in told.stderr
-    assert ("--plant FILE.fmu" if is_alone else "linear already") in told.stderr
+    answer = adaptive_fmu(*command, *more, *settle, "--free", "u", folder=tmp_path)
+    assert answer.returncode == 1 and "--free, --want and --hold are for an FMU as the plant" in answer.stderr
+    assert ("--plant FILE.fmu" if is_alone else "linear already") in answer.stderr
 
 
 def test_python_takes_the_operating_point_and_hands_it_over() -> None:

@@ -42,30 +42,30 @@ def objective(table: dict[str, np.ndarray]) -> float:
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
     """Twenty particles in twenty generations, as the loop says it is tuned: what was told, and the folder of results."""
-    told = tune(tmp_path_factory.mktemp("tuned"), LOOP, *FAST, "--seed", 2, "--particles", 20, "--generations", 20)
-    return told, Path(told["results"])
+    output = tune(tmp_path_factory.mktemp("tuned"), LOOP, *FAST, "--seed", 2, "--particles", 20, "--generations", 20)
+    return output, Path(output["results"])
 
 
 def test_a_small_swarm_finds_output_sets_with_the_objective_that_is_to_be_reached(tuned) -> None:
-    told, _ = tuned
-    assert (told["runs"], told["generations"], told["ended"]) == (400, 20, "complete")
-    assert told["objective"]["best"] <= 55.6 and round(told["objective"]["start"], 1) == 71.9
+    output, _ = tuned
+    assert (output["runs"], output["generations"], output["ended"]) == (400, 20, "complete")
+    assert output["objective"]["best"] <= 55.6 and round(output["objective"]["start"], 1) == 71.9
     # At the tolerance of every run the best is what the search took it for.
-    assert told["objective"]["verified"] == pytest.approx(told["objective"]["best"], rel=1e-4)
+    assert output["objective"]["verified"] == pytest.approx(output["objective"]["best"], rel=1e-4)
 
 
 def test_the_loop_with_the_values_found_has_the_objective_that_is_told(tuned, tmp_path: Path) -> None:
-    told, folder = tuned
+    output, folder = tuned
     options = ["--composite", "--until", 8, "--step", 0.01, "--case", folder / "tuned.ssv"]
     assert adaptive_fmu("run", LOOP, *options, "--out", tmp_path).returncode == 0
     table = read_csv(tmp_path / f"{LOOP}-composite" / "result.csv")
-    assert objective(table) == pytest.approx(told["objective"]["verified"], rel=1e-9)
+    assert objective(table) == pytest.approx(output["objective"]["verified"], rel=1e-9)
 
 
 def test_what_is_found_is_written_as_parameter_sets_within_the_bounds(tuned, fmu) -> None:
-    told, folder = tuned
+    output, folder = tuned
     of_loop, of_unit = values_of(folder / "tuned.ssv"), values_of(folder / "controller.ssv")
-    assert of_loop == told["parameters"] == {f"controller.{name}": value for name, value in of_unit.items()}
+    assert of_loop == output["parameters"] == {f"controller.{name}": value for name, value in of_unit.items()}
     variables = fmu("FuzzyL1ActuatedSiso").variables
     assert list(of_unit) == CORNERS
     assert all(float(variables[name].min) <= value <= float(variables[name].max) for name, value in of_unit.items())
@@ -78,8 +78,8 @@ def test_an_fmu_is_exported_with_the_values_found(tuned, tmp_path: Path) -> None
     name, values = "FuzzyL1ActuatedSiso", folder / "controller.ssv"
     answer = adaptive_fmu("export", name, "--values", values, "--out", tmp_path)
     assert answer.returncode == 0, answer
-    told = json.loads(adaptive_fmu("info", tmp_path / f"{name}.fmu", "--json").stdout)
-    start = {variable["name"]: variable["start"] for variable in told["variables"]}
+    output = json.loads(adaptive_fmu("info", tmp_path / f"{name}.fmu", "--json").stdout)
+    start = {variable["name"]: variable["start"] for variable in output["variables"]}
     assert {corner: float(start[corner]) for corner in CORNERS} == values_of(values)
     assert "has no such variable" in fails("export", name, "--values", folder / "tuned.ssv", "--out", tmp_path)
     assert "2 FMUs" in fails("export", name, "L1ActuatedSiso", "--values", values, "--out", tmp_path)
@@ -87,9 +87,9 @@ def test_an_fmu_is_exported_with_the_values_found(tuned, tmp_path: Path) -> None
 
 def test_the_same_seed_gives_the_same_search_on_any_number_of_threads(tmp_path: Path) -> None:
     def found(*options: str | int) -> dict:
-        told = tune(tmp_path, LOOP, *SMALL, "--generations", 3, "--force", *options)
-        assert told["runs"] == 3 * 6
-        return told["parameters"]
+        output = tune(tmp_path, LOOP, *SMALL, "--generations", 3, "--force", *options)
+        assert output["runs"] == 3 * 6
+        return output["parameters"]
 
     assert found("--threads", 1) == found("--threads", 3) != found("--seed", 2)
 
@@ -153,18 +153,18 @@ def test_an_interrupted_search_keeps_the_best_so_far(how: int, tmp_path: Path) -
             time.sleep(0.05)
         process.send_signal(how)
         out, _ = process.communicate(timeout=60)
-    told = json.loads(out)
-    assert (process.returncode, told["ended"]) == (130, "interrupted")
-    assert told["generations"] >= 1 and told["objective"]["best"] <= told["objective"]["start"]
-    assert values_of(folder / "tuned.ssv") == told["parameters"] and len(told["parameters"]) == 9
+    output = json.loads(out)
+    assert (process.returncode, output["ended"]) == (130, "interrupted")
+    assert output["generations"] >= 1 and output["objective"]["best"] <= output["objective"]["start"]
+    assert values_of(folder / "tuned.ssv") == output["parameters"] and len(output["parameters"]) == 9
 
 
 def test_a_run_that_fails_counts_as_worst_and_ends_nothing(tmp_path: Path) -> None:
     # Where VS_l is not below S_l the controller refuses.
     options = ["--parameter", "controller.VS_l=0.3..0.5", "--parameter", "controller.S_l=0.3..0.6", "--generations", 4]
-    told = tune(tmp_path, LOOP, *SMALL, *options)
-    assert told["ended"] == "complete" and 0 < told["failed"] < told["runs"] == 24
-    assert told["parameters"]["controller.VS_l"] < told["parameters"]["controller.S_l"]
+    output = tune(tmp_path, LOOP, *SMALL, *options)
+    assert output["ended"] == "complete" and 0 < output["failed"] < output["runs"] == 24
+    assert output["parameters"]["controller.VS_l"] < output["parameters"]["controller.S_l"]
 
 
 def test_where_every_run_fails_the_reason_is_told(tmp_path: Path) -> None:
@@ -176,14 +176,14 @@ def test_where_every_run_fails_the_reason_is_told(tmp_path: Path) -> None:
 def test_any_parameter_of_any_loop_is_tuned_for_any_of_its_metrics(fmu_folder: Path, tmp_path: Path) -> None:
     parameter = "controller.feedback_gain[1,1]"
     options = ["--parameter", f"{parameter}=5..40", "--metric", "max |u|", "--until", 0.5, "--fmus", fmu_folder]
-    told = tune(tmp_path, "3.2.1-cosine", *options, "--particles", 5, "--generations", 4)
-    assert 5 <= told["parameters"][parameter] <= 40 and told["objective"]["best"] <= told["objective"]["start"]
+    output = tune(tmp_path, "3.2.1-cosine", *options, "--particles", 5, "--generations", 4)
+    assert 5 <= output["parameters"][parameter] <= 40 and output["objective"]["best"] <= output["objective"]["start"]
     answer = adaptive_fmu(
         "run", "3.2.1-cosine", "--until", 0.5, "--json", "--fmus", fmu_folder, "--out", tmp_path,
-        "--set", f"{parameter}={told['parameters'][parameter]!r}",
+        "--set", f"{parameter}={output['parameters'][parameter]!r}",
     )  # fmt: skip
     measured = {metric["label"]: metric["value"] for metric in json.loads(answer.stdout)["metrics"]}
-    assert measured["max |u|"] == told["objective"]["best"]
+    assert measured["max |u|"] == output["objective"]["best"]
 
 
 @pytest.mark.parametrize(

@@ -38,9 +38,9 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stop_time(folder: Path, *words: str) -> float:
-    told = program(folder, "info", *words, "--json")
-    assert told.returncode == 0, told.stderr
-    return json.loads(told.stdout)["stop_time"]
+    answer = program(folder, "info", *words, "--json")
+    assert answer.returncode == 0, answer.stderr
+    return json.loads(answer.stdout)["stop_time"]
 
 
 def test_the_usual_structure_is_taken_or_the_only_one_or_the_one_that_is_named(archives: Path) -> None:

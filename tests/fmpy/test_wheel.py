@@ -63,16 +63,16 @@ def test_a_wheel_says_what_pyproject_says(wheel: Path) -> None:
     version = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
     with zipfile.ZipFile(wheel) as archive:
         text = next(archive.read(entry) for entry in archive.namelist() if entry.endswith("/METADATA"))
-    told = Parser().parsestr(text.decode())
-    assert told["Name"] == project["name"] and told["Version"] == version
-    assert told["Requires-Python"] == project["requires-python"] and told["Summary"] == project["description"]
-    assert told.get_all("Provides-Extra") is not None
-    assert set(told.get_all("Provides-Extra")) == set(project["optional-dependencies"])
-    needed = told.get_all("Requires-Dist")
+    metadata = Parser().parsestr(text.decode())
+    assert metadata["Name"] == project["name"] and metadata["Version"] == version
+    assert metadata["Requires-Python"] == project["requires-python"] and metadata["Summary"] == project["description"]
+    assert metadata.get_all("Provides-Extra") is not None
+    assert set(metadata.get_all("Provides-Extra")) == set(project["optional-dependencies"])
+    needed = metadata.get_all("Requires-Dist")
     assert set(project["dependencies"]) <= set(needed)
     for extra, packages in project["optional-dependencies"].items():
         assert {f"{package} ; extra == '{extra}'" for package in packages} <= set(needed)
-    assert told.get_payload() == (ROOT / "README.md").read_text()
+    assert metadata.get_payload() == (ROOT / "README.md").read_text()
 
 
 @pytest.fixture(scope="module")

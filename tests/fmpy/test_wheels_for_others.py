@@ -43,9 +43,9 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         (folder / target).mkdir()
         (folder / target / "release").symlink_to(place)
     out = folder / "wheels"
-    told = ran(folder / "release" / PROGRAM.name, "dist", "--wheels", "--out", out, cwd=ROOT)
+    answer = ran(folder / "release" / PROGRAM.name, "dist", "--wheels", "--out", out, cwd=ROOT)
     stale = "what was built for other platforms is of other sources: call tests/platforms/build again"
-    assert "other sources" not in told.stderr, stale
+    assert "other sources" not in answer.stderr, stale
     return {wheel.stem.split("-")[-1]: wheel for wheel in out.iterdir()}
 
 
@@ -129,7 +129,7 @@ except adaptive_fmu.Error as error:
     print(error)
 """
     environment = {**os.environ, "ADAPTIVE_FMU_PROGRAM": str(on_windows), "PYTHONPATH": str(ROOT / "python")}
-    told = ran(sys.executable, "-c", asked, cwd=tmp_path, env=environment).stdout
-    assert "controller.adaptation_gain" in told and "-1" in told and "at least 0" in told
+    output = ran(sys.executable, "-c", asked, cwd=tmp_path, env=environment).stdout
+    assert "controller.adaptation_gain" in output and "-1" in output and "at least 0" in output
     # Flags are numbers there.
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "result.csv"), on_linux, rtol=0, atol=1e-9, check_dtype=False)

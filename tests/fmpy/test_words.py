@@ -101,9 +101,9 @@ def counted() -> dict[str, Counter[str]]:
 def test_elsewhere_they_get_fewer(what: str) -> None:
     assert set(counted()) == set(WORDS["ceilings"])
     counts, most = counted()[what], WORDS["ceilings"][what]
-    told = f"{what}: {sum(counts.values())}, at most {most}; most of them in {counts.most_common(5)}"
-    print(told)
-    assert sum(counts.values()) <= most, told
+    message = f"{what}: {sum(counts.values())}, at most {most}; most of them in {counts.most_common(5)}"
+    print(message)
+    assert sum(counts.values()) <= most, message
 
 
 def test_exceptions_are_few_and_have_reasons() -> None:

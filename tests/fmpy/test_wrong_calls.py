@@ -180,7 +180,7 @@ def test_an_accepted_change_of_parameters_is_only_logged_where_that_was_asked_fo
             controller.start()
             controller["feedback_gain[1,1]"] = 25.0
             controller.step(0.0, 0.01)
-            told = [(message.category, message.text) for message in controller.messages]
-            assert [category for category, _ in told] == (["logEvents"] * len(told) if asked else [])
-            assert any("taken over" in text for _, text in told) == asked
-            assert any("integrated by" in text for _, text in told) == asked, "by which method, too"
+            messages = [(message.category, message.text) for message in controller.messages]
+            assert [category for category, _ in messages] == (["logEvents"] * len(messages) if asked else [])
+            assert any("taken over" in text for _, text in messages) == asked
+            assert any("integrated by" in text for _, text in messages) == asked, "by which method, too"

@@ -132,11 +132,11 @@ def main() -> int:
         found = rows(given.names or [*FMU_NAMES, *LOOP_NAMES], masters, count, Path(folder))
         table = list(found) if given.json else list(printed(found, masters))
     if given.json:
-        told = [
+        reported = [
             {"name": name, "seconds": round(seconds, 1), "masters": {m: vars(cell) for m, cell in cells.items()}}
             for name, cells, seconds in table
         ]
-        print(json.dumps({"steps": count, "rows": told}, indent=2))
+        print(json.dumps({"steps": count, "rows": reported}, indent=2))
     return int(any(cell.failed for _, cells, _ in table for cell in cells.values()))
 
 
