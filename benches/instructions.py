@@ -66,7 +66,7 @@ def called(profile: str, library: str) -> tuple[int, int]:
 def counted(program: Path, plant: dict, entry: dict, gains: dict[str, float], folder: Path) -> float:
     """Instructions of a communication step of a pair's controller."""
 
-    def said(*words: object, before: tuple[object, ...] = ()) -> None:
+    def run_program(*words: object, before: tuple[object, ...] = ()) -> None:
         done = subprocess.run([str(word) for word in (*before, program, *words)], capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise Failed(f"{' '.join(map(str, words))}: {done.stderr.strip()}")
@@ -75,15 +75,15 @@ def counted(program: Path, plant: dict, entry: dict, gains: dict[str, float], fo
         return str(LEAGUE / name) if (LEAGUE / name).is_file() else name
 
     own = entry.get("set", {}) | {name.removeprefix("controller."): value for name, value in gains.items()}
-    said("export", unit(entry["unit"]), "--compile", "--values", values(folder, own), "--out", folder)
+    run_program("export", unit(entry["unit"]), "--compile", "--values", values(folder, own), "--out", folder)
     (controller,) = folder.glob("*.fmu")
     units = [f"reference={unit(plant['reference'])}", f"plant={unit(plant['unit'])}", f"controller={controller}"]
     step = plant["step"]
-    said("new", "loop", "--units", *units, "--step", step, "--until", STEPS * step, "--name", "counted", "--out", folder / "loop")
+    run_program("new", "loop", "--units", *units, "--step", step, "--until", STEPS * step, "--name", "counted", "--out", folder / "loop")
     profile = folder / "profile"
     valgrind = ("valgrind", "--tool=callgrind", f"--callgrind-out-file={profile}")
     settings = [word for name, value in plant.get("set", {}).items() for word in ("--set", f"{name}={value}")]
-    said("run", folder / "loop", "--in-process", "--quiet", "--out", folder / "run", *settings, before=valgrind)
+    run_program("run", folder / "loop", "--in-process", "--quiet", "--out", folder / "run", *settings, before=valgrind)
     times, total = called(profile.read_text(), controller.stem)
     if times != STEPS:
         raise Failed(f"{times} steps were counted, not {STEPS}")

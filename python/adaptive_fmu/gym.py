@@ -36,7 +36,7 @@ Names = Union[Sequence[str], Mapping[str, str]]
 #: Fraction of a step that counts as rounding.
 ROUNDING = 1e-6
 #: Number of latest messages of an FMU that are stored.
-MOST_SAID = 20
+MOST_MESSAGES = 20
 
 
 class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -121,8 +121,8 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         lowest, highest = (np.broadcast_to(np.asarray(bound, np.float64), shape) for bound in (low, high))
         self.action_space = spaces.Box(lowest, highest, dtype=np.float64)
         self.observation_space = spaces.Box(-np.inf, np.inf, (len(self._places),), dtype=np.float64)
-        self._said: list[str] = []
-        self._callbacks = _callbacks(self._said)
+        self._messages: list[str] = []
+        self._callbacks = _callbacks(self._messages)
         self._unit.instantiate(callbacks=self._callbacks)
         self._is_open = True
         self._count, self._state, self._is_ready = 0, None, False
@@ -164,7 +164,7 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         else:
             self._unit.setFMUState(self._state)
         self._count = 0
-        self._said.clear()
+        self._messages.clear()
         return self._signals()[self._places], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -181,7 +181,7 @@ class LoopEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         try:
             self._unit.doStep(time, self._step)
         except FMICallException as error:
-            message = self._said[-1] if self._said else str(error)
+            message = self._messages[-1] if self._messages else str(error)
             return self._signals()[self._places], self._penalty, True, False, {"message": message}
         values = self._signals()
         seen = dict(zip(self._names, values.tolist()))
@@ -271,15 +271,15 @@ def _unpacked(loop: PathLike, without: Sequence[str]) -> _Unpacked:
         return _Unpacked.of(_exported(loop, without, folder))
 
 
-def _callbacks(said: list[str]) -> fmi2CallbackFunctions:
+def _callbacks(messages: list[str]) -> fmi2CallbackFunctions:
     """Return callbacks like those of FMPy, but store the latest messages instead of printing them.
 
     During training, loops fail thousands of times.
     """
 
     def log(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes, *_: Any) -> None:
-        said.append(message.decode(errors="replace"))
-        del said[:-MOST_SAID]
+        messages.append(message.decode(errors="replace"))
+        del messages[:-MOST_MESSAGES]
 
     callbacks = fmi2CallbackFunctions()
     callbacks.logger = fmi2CallbackLoggerTYPE(log)

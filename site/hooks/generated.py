@@ -30,7 +30,7 @@ def on_files(files, config):
     root = Path(config.config_file_path).parent
     pages = {
         "reference/commands.md": commands(root),
-        "reference/keys.md": keys(json.loads(said(root, "schema"))),
+        "reference/keys.md": keys(json.loads(printed(root, "schema"))),
         "reference/corrections.md": corrections(root / "examples" / "thesis.toml"),
     }
     # The table of FMUs names the page of each one's equations.
@@ -65,11 +65,11 @@ def league(root: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         results = shutil.copytree(root / "site" / "league", Path(folder) / "results")
         study = root / "examples" / "league" / "league.toml"
-        said(root, "league", "--page", "--study", str(study), "--out", str(results))
+        printed(root, "league", "--page", "--study", str(study), "--out", str(results))
         return (results / "index.html").read_text(encoding="utf-8")
 
 
-def said(root: Path, *arguments: str) -> str:
+def printed(root: Path, *arguments: str) -> str:
     """What the program prints."""
     program = Path(os.environ.get("ADAPTIVE_FMU_PROGRAM") or root / "target" / "release" / "adaptive-fmu")
     if not program.is_file():
@@ -88,7 +88,7 @@ def cell(text: str) -> str:
 
 
 def commands(root: Path) -> str:
-    names = subcommands(said(root, "--help"))
+    names = subcommands(printed(root, "--help"))
     names.insert(names.index("new") + 1, "new loop")
     text = "# Commands\n\nWhat `--help` prints of each command.\n\n## adaptive-fmu\n\n" + help_of(root)
     return text + "".join(f"\n## {name}\n\n{help_of(root, *name.split())}" for name in names)
@@ -100,7 +100,7 @@ def subcommands(text: str) -> list[str]:
 
 
 def help_of(root: Path, *command: str) -> str:
-    lines = [part for line in said(root, *command, "--help").rstrip().splitlines() for part in wrapped(line)]
+    lines = [part for line in printed(root, *command, "--help").rstrip().splitlines() for part in wrapped(line)]
     return "```text\n" + "\n".join(lines) + "\n```\n"
 
 

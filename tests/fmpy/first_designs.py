@@ -22,7 +22,7 @@ class Design:
     C: np.ndarray
     D: np.ndarray
     table: dict
-    said: str
+    stderr: str
 
     def at(self, omega: float) -> np.ndarray:
         inner = np.linalg.solve(1j * omega * np.eye(len(self.A)) - self.A, self.B)
@@ -40,11 +40,11 @@ def new(kind: str, plant: dict, bandwidth: float, folder: Path, reference: float
 def design(kind: str, run: subprocess.CompletedProcess, folder: Path) -> Design:
     """The controller of C.toml."""
     table = tomllib.loads((folder / "C.toml").read_text())
-    start, said = table["start"], run.stderr
+    start, stderr = table["start"], run.stderr
     blocks = {"pid": pid_blocks, "ladrc": ladrc_blocks}[kind](table["structure"], start)
     S = np.array(start["S"]) if kind == "pid" else np.linalg.inv(np.array(start["B_0"]))
     joined = control.append(*[control.ss(*block) for block in blocks])
-    return Design(joined.A, joined.B, S @ joined.C, S @ joined.D, table, said)
+    return Design(joined.A, joined.B, S @ joined.C, S @ joined.D, table, stderr)
 
 
 def pid_blocks(_: dict, start: dict) -> list[tuple]:

@@ -59,12 +59,12 @@ def test_a_run_has_the_same_digits_where_no_memory_for_code_is_given(loop: str, 
         pytest.skip("this system can't be asked to refuse memory for code")
     assert refuse
     table, metrics, recorded = ran(loop, tmp_path, "--verbose", *form)
-    generic, of_generic, told_of_generic = ran(loop, tmp_path, "--verbose", *form, refused=True)
+    generic, of_generic, recorded_of_generic = ran(loop, tmp_path, "--verbose", *form, refused=True)
     assert generic == table and of_generic["metrics"] == metrics["metrics"]
     assert evaluated(metrics) == {COMPILED} and "compiled" in recorded
     [reason] = evaluated(of_generic)
     assert reason.startswith("not compiled: the system refuses memory for code"), reason
-    assert "the system refuses memory for code" in told_of_generic and "the system refuses" not in recorded
+    assert "the system refuses memory for code" in recorded_of_generic and "the system refuses" not in recorded
     # Nothing is wrong: who doesn't ask isn't told.
     assert "refuses" not in ran(loop, tmp_path, *form, refused=True)[2]
 

@@ -190,7 +190,7 @@ def emulated(made: Path) -> Told:
     return Told(np.rint((ticks - results["empty"]) * TICK / 2**SHIFT), np.array(outputs), results["stack"], results["refused"])
 
 
-def as_told(measured: float, cell: str) -> bool:
+def as_documented(measured: float, cell: str) -> bool:
     return number(cell) / OTHER_COMPILERS <= measured <= number(cell) * OTHER_COMPILERS
 
 
@@ -213,8 +213,8 @@ def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
     worst = on_target(row["controller"], number(row["substeps"]), True)
     most = max(results.instructions.max(), worst.instructions.max())
     assert most <= number(row["a step, at most"]) <= 1.2 * most
-    assert as_told(mean, row["a step, mean"])
-    assert as_told(mean / number(row["substeps"]), row["instructions a substep"])
+    assert as_documented(mean, row["a step, mean"])
+    assert as_documented(mean / number(row["substeps"]), row["instructions a substep"])
     assert max(results.stack, worst.stack) <= OTHER_COMPILERS * number(row["stack"])
 
 
@@ -228,7 +228,7 @@ def test_a_law_takes_the_memory_that_the_page_tells_and_allocates_none(row, laws
     law = law_object(name, number(row["substeps"]))
     built(COMPILER, *flags, tmp_path / "state.c", law, "-lm", "-lc", "-lgcc", "-o", whole)
     flash, memory = sizes(whole)
-    assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)
+    assert as_documented(flash, row["flash"]) and as_documented(memory, row["RAM"]), (flash, memory)
     symbols = [line.split() for line in output_of(SYMBOLS, whole).splitlines()]
     assert not FORBIDDEN & {words[-1] for words in symbols}
     assert not [words for words in symbols if words[-2] == "U"]
@@ -254,7 +254,7 @@ def test_whole_units_are_compiled_for_the_target_without_a_warning(row, laws, tm
     flags, made = [*WARNINGS, *MACHINE, *SAME_BITS, "-DFMI2_STATIC_INSTANCES=1"], tmp_path / "all.o"
     built(COMPILER, *flags, "-c", laws.sources(row["FMU with sources"]) / "all.c", "-o", made)
     flash, memory = sizes(made)
-    assert as_told(flash, row["flash"]) and as_told(memory, row["RAM"]), (flash, memory)
+    assert as_documented(flash, row["flash"]) and as_documented(memory, row["RAM"]), (flash, memory)
     assert not FORBIDDEN & {line.split()[-1] for line in output_of(SYMBOLS, made).splitlines()}
 
 

@@ -67,11 +67,11 @@ def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fm
 def test_a_page_says_what_its_unit_shows_alone(each_fmu: Fmu) -> None:
     with zipfile.ZipFile(each_fmu.path) as archive:
         page = html.document_fromstring(archive.read("documentation/index.html").decode())
-    said = page.get_element_by_id("alone").text_content()
-    assert said.startswith("With nothing connected ")
+    shown = page.get_element_by_id("alone").text_content()
+    assert shown.startswith("With nothing connected ")
     words = {"it rests": CONTROLLERS | BALANCED, "carries the vehicle": HOVERING, "is 0|of 0": HANDED_ON}
     for word, names in words.items():
-        assert each_fmu.name not in names or re.search(word, said), said
+        assert each_fmu.name not in names or re.search(word, shown), shown
 
 
 def test_the_controllers_of_the_quadrotor_alone_carry_its_weight(fmu: Callable[[str], Fmu]) -> None:

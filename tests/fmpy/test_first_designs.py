@@ -47,8 +47,8 @@ def test_designs_of_random_plants_have_margins(of: str, kind: str, tmp_path: Pat
         # A grid of frequencies misses up to 1 % of a peak.
         assert worst <= 1.01 * most, text
         # The file says what its loop has.
-        said = (tmp_path / "C.toml").read_text().replace("\n# ", " ").split("maximum sensitivity M_s ")[1].split()[0].rstrip(".")
-        assert worst == pytest.approx(float(said), rel=0.02), text
+        documented = (tmp_path / "C.toml").read_text().replace("\n# ", " ").split("maximum sensitivity M_s ")[1].split()[0].rstrip(".")
+        assert worst == pytest.approx(float(documented), rel=0.02), text
     assert refused <= (0 if of not in MAY_REFUSE else max(1, EACH // 5)), f"TEST_SAMPLE={NUMBER} {of}: {refused} of {EACH} refused"
 
 
@@ -167,8 +167,8 @@ def test_the_input_gain_that_is_written_is_the_one_that_was_tested(tmp_path: Pat
         tried = Plant(np.array([[-1, 0.2], [0.1, -2]]), np.array([[1, 1.234], [1, 1.234 * (1 + much)]]), np.eye(2), 5.0)
         run = new("ladrc", tried.json(), 5.0, tmp_path)
         assert run.returncode == 0, run.stderr
-        said = (tmp_path / "C.toml").read_text().replace("\n# ", " ").split("maximum sensitivity M_s ")[1].split()[0].rstrip(".")
-        assert modulus(tried, design("ladrc", run, tmp_path), 1000) == pytest.approx(float(said), rel=0.02)
+        documented = (tmp_path / "C.toml").read_text().replace("\n# ", " ").split("maximum sensitivity M_s ")[1].split()[0].rstrip(".")
+        assert modulus(tried, design("ladrc", run, tmp_path), 1000) == pytest.approx(float(documented), rel=0.02)
 
 
 @pytest.mark.parametrize(

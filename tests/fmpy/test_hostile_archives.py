@@ -46,7 +46,7 @@ def loop(tmp_path: Path, fmu_folder: Path) -> Path:
     return tmp_path / "loop"
 
 
-def told_in_a_line(answer, word: str) -> None:
+def reported_in_a_line(answer, word: str) -> None:
     assert (answer.returncode, answer.stdout) == (1, ""), answer
     assert word in answer.stderr and answer.stderr.count("\n") == 1 and len(answer.stderr) < 5000, answer.stderr
     assert "\x1b" not in answer.stderr
@@ -69,7 +69,7 @@ def test_hostile_xml_is_refused_wherever_it_stands(bounded, loop: Path, name: st
         ("run", loop, "--case", "case.ssv"),
         ("export", PLANT, "--values", "case.ssv"),
     ]:
-        told_in_a_line(bounded(*arguments, folder=tmp_path), word)
+        reported_in_a_line(bounded(*arguments, folder=tmp_path), word)
     assert {file for file in files_in(tmp_path) if not file.startswith("fmus/")} == before
 
 
@@ -107,7 +107,7 @@ def test_a_hostile_structure_is_refused_with_its_line(bounded, loop: Path, name:
     change(loop / "SystemStructure.ssd", old, new)
     before = files_in(tmp_path)
     answer = bounded("run", loop, "--out", "out", folder=tmp_path)
-    told_in_a_line(answer, word)
+    reported_in_a_line(answer, word)
     assert "SystemStructure.ssd" in answer.stderr
     assert ("line " in answer.stderr) == (word != "communication points"), answer.stderr
     assert files_in(tmp_path) == before
@@ -156,7 +156,7 @@ def test_a_hostile_fmu_is_refused_and_leaves_nothing(bounded, fmu, tmp_path: Pat
     before = files_in(tmp_path)
     for name, (file, words) in files.items():
         answer = bounded("linearise", file, folder=tmp_path)
-        told_in_a_line(answer, file.name)
+        reported_in_a_line(answer, file.name)
         assert any(word in answer.stderr for word in words.split("|")), (name, answer.stderr)
         bounded("info", file, folder=tmp_path)
     assert files_in(tmp_path) == before

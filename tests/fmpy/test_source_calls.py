@@ -62,12 +62,12 @@ class Pair:
 
     @staticmethod
     def _answer(unit: Unit, call: Callable[[Unit], Any]) -> tuple[Any, list]:
-        said = len(unit.messages)
+        count = len(unit.messages)
         try:
             answer = call(unit)
         except FMICallException as refusal:
             answer = refusal.status
-        return answer, unit.messages[said:]
+        return answer, unit.messages[count:]
 
     def reference(self, known: list) -> int:
         """A value reference of one of these variables, or, now and then, of any or none."""

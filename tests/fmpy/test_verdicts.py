@@ -6,7 +6,7 @@ from random import Random
 import pytest
 from random_plants import CLASSES, plant
 from sample import ALL, NUMBER
-from verdicts import Said, design, is_true, loop, part_of_funnel, within
+from verdicts import Predicted, design, is_true, loop, part_of_funnel, within
 
 KINDS = ["pid", "ladrc", "l1", "l1-limit", "l1-sampled"]
 # What is stable in continuous time with dead times of many steps: L1 takes none.
@@ -19,23 +19,23 @@ EACH = 4 if ALL else 1
 def test_what_check_says_of_uncertain_plants_is_so(kind: str, number: int, tmp_path: Path):
     random = Random(f"verdict {kind} {NUMBER} {number}")
     nominal = plant(random.choice(CLASSES), random)
-    said = design(kind, nominal, tmp_path)
-    if not isinstance(said, Said) or not said.sound:
+    predicted = design(kind, nominal, tmp_path)
+    if not isinstance(predicted, Predicted) or not predicted.sound:
         return
     for k in range(OTHERS):
-        had = loop(within(nominal, random, k % 2 == 0), said, tmp_path)
-        assert is_true(said, had), f"{said} {had}"
+        had = loop(within(nominal, random, k % 2 == 0), predicted, tmp_path)
+        assert is_true(predicted, had), f"{predicted} {had}"
 
 
 @pytest.mark.parametrize("number", range(EACH))
 def test_what_check_says_of_funnels_with_uncertain_plants_is_so(number: int, tmp_path: Path):
     random = Random(f"verdict funnel {NUMBER} {number}")
     nominal = plant("minimum phase", random)
-    said = design("funnel", nominal, tmp_path)
-    if not isinstance(said, Said) or not said.sound:
+    predicted = design("funnel", nominal, tmp_path)
+    if not isinstance(predicted, Predicted) or not predicted.sound:
         return
     for k in range(OTHERS):
         # An error that leaves its funnel ends the run.
-        had = loop(within(nominal, random, k % 2 == 0), said, tmp_path)
-        assert is_true(said, had), f"{said} {had}"
-        assert part_of_funnel(tmp_path) <= 1.1 * said.part + 0.02
+        had = loop(within(nominal, random, k % 2 == 0), predicted, tmp_path)
+        assert is_true(predicted, had), f"{predicted} {had}"
+        assert part_of_funnel(tmp_path) <= 1.1 * predicted.part + 0.02

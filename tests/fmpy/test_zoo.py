@@ -54,27 +54,27 @@ TOO_FINE = [("piezo_stage", "funnel")]
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("plant", SAMPLE)
 def test_a_plant_has_a_design_that_does_what_is_said_or_a_reason(plant: str, kind: str, tmp_path: Path):
-    said = design(plant, kind, tmp_path)
+    predicted = design(plant, kind, tmp_path)
     cells = next(line for line in TABLE if line.startswith(f"| `{plant}` |")).split(" | ")
-    assert cells[2 + KINDS.index(kind)].removesuffix(" |") == str(said), "benches/zoo writes the table anew"
-    if isinstance(said, Refused) or (plant, kind) in REFUSED:
-        assert isinstance(said, Refused) and REFUSED.get((plant, kind), "no reason is known") in said.reason, said
+    assert cells[2 + KINDS.index(kind)].removesuffix(" |") == str(predicted), "benches/zoo writes the table anew"
+    if isinstance(predicted, Refused) or (plant, kind) in REFUSED:
+        assert isinstance(predicted, Refused) and REFUSED.get((plant, kind), "no reason is known") in predicted.reason, predicted
         return
-    if isinstance(said, NotSound):
+    if isinstance(predicted, NotSound):
         # The table says which these are.
-        assert "some plants are not stable" in said.reason, said
+        assert "some plants are not stable" in predicted.reason, predicted
         return
     if (plant, kind) in TOO_FINE:
-        assert "No communication step was found that is short enough" in said.notes
+        assert "No communication step was found that is short enough" in predicted.notes
         return
-    had = closed(plant, said, tmp_path)
+    had = closed(plant, predicted, tmp_path)
     several = len(json.loads((FOLDER / f"{plant}.json").read_text())["outputs"]) > 1
-    assert had.left < 0.05 and had.overshoot < (0.4 if several else 0.3), f"{said} {had}"
+    assert had.left < 0.05 and had.overshoot < (0.4 if several else 0.3), f"{predicted} {had}"
     if kind == "funnel":
-        assert had.left == pytest.approx(said.left / 100, abs=0.005), f"{said} {had}"
+        assert had.left == pytest.approx(predicted.left / 100, abs=0.005), f"{predicted} {had}"
     elif not several:
         # What is said is of the nominal loop without sampling.
-        assert had.overshoot * 100 <= 1.1 * said.overshoot + 2 and had.settling <= 1.1 * said.settling, f"{said} {had}"
+        assert had.overshoot * 100 <= 1.1 * predicted.overshoot + 2 and had.settling <= 1.1 * predicted.settling, f"{predicted} {had}"
 
 
 def test_what_is_known_of_the_plants_is_so():

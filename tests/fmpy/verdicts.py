@@ -20,7 +20,7 @@ LONGER = 3.0
 
 
 @dataclass
-class Said:
+class Predicted:
     """The worst of the plants: settling time, s, overshoot, range of the control, how far it rests beside the reference."""
 
     sound: bool
@@ -50,7 +50,7 @@ def model(plant: Plant) -> dict:
     return plant.json() | names
 
 
-def design(kind: str, plant: Plant, folder: Path) -> Said | str:
+def design(kind: str, plant: Plant, folder: Path) -> Predicted | str:
     """What `check` says of what `new` writes, or why there is no design."""
     (folder / "plant.json").write_text(json.dumps(model(plant)))
     options = ["--plant", "plant.json", "--bandwidth", repr(plant.bandwidth), "--uncertainty", "20%", "--no-schema", "--force"]
@@ -65,11 +65,11 @@ def design(kind: str, plant: Plant, folder: Path) -> Said | str:
     control = [tuple(found[f"range of force{j}"][0]) for j in range(plant.B.shape[1])] if "range of force0" in found else []
     if "largest error" in found and report["sound"]:
         # A reference that starts smoothly from 0 s on, which is followed for 15/W.
-        return Said(True, 15 / plant.bandwidth, float("inf"), control, found["largest error"])
+        return Predicted(True, 15 / plant.bandwidth, float("inf"), control, found["largest error"])
     if "settling time" not in found:
         assert not report["sound"]
         return "not sound"
-    return Said(report["sound"], found["settling time"], found["overshoot"] / 100, control)
+    return Predicted(report["sound"], found["settling time"], found["overshoot"] / 100, control)
 
 
 def within(plant: Plant, random: Random, corner: bool) -> Plant:
@@ -87,20 +87,20 @@ def within(plant: Plant, random: Random, corner: bool) -> Plant:
     return Plant(A, B, plant.C, plant.bandwidth, plant.delay)
 
 
-def loop(plant: Plant, said: Said, folder: Path) -> Had:
+def loop(plant: Plant, predicted: Predicted, folder: Path) -> Had:
     """The steps of the references, one after the other, of the loop of C.toml with another plant."""
     (folder / "other.json").write_text(json.dumps(model(plant)))
     for kind, name in [("state-space", "P"), ("reference", "R")]:
         made = program(folder, "new", kind, "--name", name, "--plant", "other.json", "--out", f"{name}.toml", "--no-schema", "--force")
         assert made.returncode == 0, made.stderr
-    until = STEP_TIME + LONGER * said.settling
+    until = STEP_TIME + LONGER * predicted.settling
     made = program(folder, "new", "loop", "--units", "P.toml", "C.toml", "R.toml", "--until", f"{until:.9g}", "--out", ".", "--force")
     assert made.returncode == 0, made.stderr
     m = plant.B.shape[1]
     worst = Had(0.0, 0.0, [(0.0, 0.0)] * m)
     for i in range(m):
         others = [option for j in range(m) if j != i for option in ("--set", f"reference.step_height[{j + 1},1]=0")]
-        ran = program(folder, "run", ".", "--out", "results", "-q", "--every", f"{LONGER * said.settling / 4000:.6g}", *others)
+        ran = program(folder, "run", ".", "--out", "results", "-q", "--every", f"{LONGER * predicted.settling / 4000:.6g}", *others)
         assert ran.returncode == 0, ran.stderr
         take(worst, i, folder / "results")
     return worst
@@ -135,11 +135,11 @@ def take(worst: Had, i: int, results: Path) -> None:
         worst.control[j] = (min(low, float(u.min())), max(high, float(u.max())))
 
 
-def is_true(said: Said, had: Had) -> bool:
+def is_true(predicted: Predicted, had: Had) -> bool:
     """True if nothing is more than 10 % beyond what was said, the overshoot 2 % of the step more."""
-    size = max(max(map(abs, control)) for control in said.control)
+    size = max(max(map(abs, control)) for control in predicted.control)
     return (
-        had.settling <= 1.1 * said.settling
-        and had.overshoot <= 1.1 * said.overshoot + 0.02
-        and all(low >= least - 0.1 * size and high <= most + 0.1 * size for (least, most), (low, high) in zip(said.control, had.control, strict=True))
+        had.settling <= 1.1 * predicted.settling
+        and had.overshoot <= 1.1 * predicted.overshoot + 0.02
+        and all(low >= least - 0.1 * size and high <= most + 0.1 * size for (least, most), (low, high) in zip(predicted.control, had.control, strict=True))
     )

@@ -26,7 +26,7 @@ STEP_TIME = 1.0
 
 
 @dataclass
-class Said:
+class Predicted:
     """What `new` said of a design."""
 
     settling: float | None
@@ -85,13 +85,13 @@ def new(folder: Path, kind: str, name: str, plant: str, *options: str) -> subpro
     return program(folder, "new", kind, "--name", name, "--plant", file, "--out", f"{name}.toml", "--no-schema", "--force", *options)
 
 
-def row(plant: str, designs: list[Said | Refused | NotSound]) -> str:
+def row(plant: str, designs: list[Predicted | Refused | NotSound]) -> str:
     """A line of the table in examples/zoo/README.md."""
     of = PLANTS[plant]
     return f"| `{plant}` | {of['bandwidth']:g} | " + " | ".join(map(str, designs)) + " |"
 
 
-def design(plant: str, kind: str, folder: Path) -> Said | Refused | NotSound:
+def design(plant: str, kind: str, folder: Path) -> Predicted | Refused | NotSound:
     """C.toml for a plant, at the bandwidth and for the reference that belong to it."""
     bandwidth, reference = PLANTS[plant]["bandwidth"], PLANTS[plant]["reference"]
     made = new(folder, kind, "C", plant, "--bandwidth", repr(bandwidth), "--reference", repr(reference))
@@ -107,7 +107,7 @@ def design(plant: str, kind: str, folder: Path) -> Said | Refused | NotSound:
         return float(found[1]) if found else None
 
     allowed = number(r"A step to ([-\d.e]+) stays within")
-    return Said(
+    return Predicted(
         settling=number(r"settles to 2 % in ([-\d.e]+) s"),
         overshoot=number(r"overshoot ([-\d.e]+) %"),
         modulus=number(r"sensitivity M_s (\d+(?:\.\d+)?)"),
@@ -118,15 +118,15 @@ def design(plant: str, kind: str, folder: Path) -> Said | Refused | NotSound:
     )
 
 
-def closed(plant: str, said: Said, folder: Path) -> Had:
+def closed(plant: str, predicted: Predicted, folder: Path) -> Had:
     """Runs the loop of C.toml."""
     for kind, name in [("state-space", "P"), ("reference", "R")]:
-        made = new(folder, kind, name, plant, *(["--reference", repr(said.reference)] if name == "R" else []))
+        made = new(folder, kind, name, plant, *(["--reference", repr(predicted.reference)] if name == "R" else []))
         assert made.returncode == 0, made.stderr
-    until = STEP_TIME + LONGER * said.settling if said.settling else FOLLOWED / PLANTS[plant]["bandwidth"]
+    until = STEP_TIME + LONGER * predicted.settling if predicted.settling else FOLLOWED / PLANTS[plant]["bandwidth"]
     made = program(folder, "new", "loop", "--units", "P.toml", "C.toml", "R.toml", "--until", f"{until:.9g}", "--out", ".", "--force")
     assert made.returncode == 0 and "to decide" not in made.stderr, made.stderr
-    begins = STEP_TIME if said.settling else 0.0
+    begins = STEP_TIME if predicted.settling else 0.0
     ran = program(folder, "run", ".", "--out", "results", "-q", "--every", f"{(until - begins) / 4000:.6g}")
     assert ran.returncode == 0, f"{plant}: {ran.stderr}"
     with next((folder / "results").rglob("result.csv")).open() as file:
@@ -136,7 +136,7 @@ def closed(plant: str, said: Said, folder: Path) -> Had:
     left, overshoot, settling = 0.0, 0.0, 0.0
     for name in json.loads((FOLDER / f"{plant}.json").read_text())["outputs"]:
         y = columns.get(f"plant.{name}_output", columns.get(f"plant.{name}"))
-        error = y / said.reference - 1
+        error = y / predicted.reference - 1
         outside = np.flatnonzero(np.abs(error) > BAND)
         left, overshoot = max(left, abs(error[-1])), max(overshoot, error.max())
         last = outside[-1] if len(outside) else 0

@@ -36,10 +36,10 @@ def toolbox(program: str) -> Path:
 
 def fmutool(fmu: Fmu, _count: int, folder: Path) -> str:
     """Schema and rules of the standard, as fmutool checks them."""
-    said = run(toolbox("fmutool"), "-input", fmu.path, "-check", folder=folder)
-    complaints = [line for line in said.splitlines() if line.startswith(("ERROR", "WARNING", "CRITICAL"))]
+    printed = run(toolbox("fmutool"), "-input", fmu.path, "-check", folder=folder)
+    complaints = [line for line in printed.splitlines() if line.startswith(("ERROR", "WARNING", "CRITICAL"))]
     assert not complaints, complaints[0]
-    assert "compliant with FMI-2.0" in said and "No semantic error" in said, said[-200:]
+    assert "compliant with FMI-2.0" in printed and "No semantic error" in printed, printed[-200:]
     return "ok"
 
 
@@ -62,8 +62,8 @@ def fmucontainer(package: Package, count: int, folder: Path) -> tuple[float, flo
         "start": [[unit, value.name, value.value] for unit, value in package.values],
     }
     (folder / "whole.json").write_text(json.dumps(described))
-    said = run(toolbox("fmucontainer"), "-container", "whole.json", "-fmu-directory", folder, folder=folder)
-    assert (folder / "whole.fmu").is_file(), said[-300:]
+    printed = run(toolbox("fmucontainer"), "-container", "whole.json", "-fmu-directory", folder, folder=folder)
+    assert (folder / "whole.fmu").is_file(), printed[-300:]
     times, steps = points("fmucontainer", package.step, steps_of(package, count))
     recorded = fmpy.simulate_fmu(
         str(folder / "whole.fmu"), stop_time=float(times[-1]), output_interval=package.step, fmi_type="CoSimulation"
@@ -99,15 +99,15 @@ def _at_its_start_values(
         expected = by_plain_calls(of, times, steps)
     except FMICallException:
         return "needs values"
-    said, result = simulated(of.step, float(times[-1]))
-    return largest(_read(result, of.outputs, said), expected), TOLERANCE
+    printed, result = simulated(of.step, float(times[-1]))
+    return largest(_read(result, of.outputs, printed), expected), TOLERANCE
 
 
 def omsimulator_loop(package: Package, count: int, folder: Path) -> tuple[float, float]:
     """OMSimulator with a packed loop; it reads outputs again after it has set inputs."""
     times, steps = points("FMPy", package.step, steps_of(package, count))
-    said, result = _omsimulator(package.path, package.step, float(times[-1]), folder)
-    found = _read(result, package.outputs("Real", "Integer", "Boolean"), said)
+    printed, result = _omsimulator(package.path, package.step, float(times[-1]), folder)
+    found = _read(result, package.outputs("Real", "Integer", "Boolean"), printed)
     return largest(found, package.run(times, steps, "jacobi", read_again=True)), TOLERANCE
 
 
@@ -115,13 +115,13 @@ def _omsimulator(path: Path, step: float, stop: float, folder: Path, *options: s
     result = folder / "omsimulator.csv"
     settings = [f"--resultFile={result}", f"--tempDir={folder}", f"--stepSize={step!r}", f"--stopTime={stop!r}"]
     settings += ["--startTime=0", f"--intervals={round(stop / step)}"]
-    said = run(OMSIMULATOR, *options, *settings, path, folder=folder)
-    return said, result
+    printed = run(OMSIMULATOR, *options, *settings, path, folder=folder)
+    return printed, result
 
 
-def _read(result: Path, outputs: Iterable[str], said: str) -> Loop:
+def _read(result: Path, outputs: Iterable[str], printed: str) -> Loop:
     """A table whose columns end in the names of the outputs."""
-    assert result.is_file(), said[-300:]
+    assert result.is_file(), printed[-300:]
     with result.open(newline="") as text:
         names, *rows = csv.reader(text)
     numbers = {"true": 1.0, "false": 0.0}
