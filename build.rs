@@ -19,7 +19,7 @@ fn main() {
     let texts =
         ["src", "plants", "Cargo.toml", "docs/controllers", "docs/plants", "docs/license.txt", "docs/start.txt"];
     let places = code.into_iter().filter(|folder| folder.is_dir()).chain(texts.map(PathBuf::from));
-    sources::tell(&places.collect::<Vec<_>>());
+    sources::track(&places.collect::<Vec<_>>());
 }
 
 /// Embeds the descriptions of FMUs and the closed loops in the program, which so needs no other files.
@@ -64,17 +64,17 @@ fn page(file: &Path) -> String {
     assert!(unknown.is_none(), "{}: `{}` is none of {ENTRIES:?}", file.display(), unknown.unwrap().0);
     let lacking = ENTRIES[..5].iter().find(|entry| !head.iter().any(|(name, _)| name == *entry));
     assert!(lacking.is_none(), "{}: its front matter lacks `{}`", file.display(), lacking.unwrap());
-    let told =
+    let value_of =
         |key: &str| head.iter().find(|(name, _)| name == key).map(|(_, value)| value.as_str()).unwrap_or_default();
-    if !told("followed by").is_empty() {
-        text += &front_matter(&Path::new("docs").join(told("followed by")).with_extension("md")).1;
+    if !value_of("followed by").is_empty() {
+        text += &front_matter(&Path::new("docs").join(value_of("followed by")).with_extension("md")).1;
     }
-    let gains: String = told("gains")
+    let gains: String = value_of("gains")
         .replace("\n  ", " ")
         .lines()
         .filter_map(|line| line.split_once(": "))
         .fold(String::new(), |list, (name, text)| list + &format!("({name:?}, {text:?}), "));
-    let [title, purpose, alone, limits, choice] = ["title", "purpose", "alone", "limits", "take it for"].map(told);
+    let [title, purpose, alone, limits, choice] = ["title", "purpose", "alone", "limits", "take it for"].map(value_of);
     let choice: Vec<_> = choice.lines().collect();
     assert!([0, 2].contains(&choice.len()), "{}: `take it for` has two lines", file.display());
     let place = file.strip_prefix("docs").unwrap_or(file).with_extension("");

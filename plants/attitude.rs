@@ -83,6 +83,6 @@ pub(super) fn require_regular<S: Scalar>(pitch: ScalarOf<Parameter>, matters: S:
     let theta = v[pitch];
     v.refuse(matters & !theta.cos().above(S::from(SMALLEST_COSINE)), |v| {
         let allowed = "must have a cosine above 0: the Euler angles are singular at a pitch of 90 degrees";
-        Invalid::new(v.name(pitch), theta.told(), allowed)
+        Invalid::new(v.name(pitch), theta.to_text(), allowed)
     });
 }

@@ -139,10 +139,10 @@ impl DelayLine {
                 let allowed = format!(
                     "must be a multiple of {} = {} within 0 … {} (delay_samples = {most})",
                     v.name(self.clock.sample_time),
-                    sample_time.told(),
+                    sample_time.to_text(),
                     (sample_time * most).rounded_at_most()
                 );
-                Invalid::new(v.name(self.delay.at(i)), delay.told(), allowed)
+                Invalid::new(v.name(self.delay.at(i)), delay.to_text(), allowed)
             });
             v[self.samples][i] = samples;
         }

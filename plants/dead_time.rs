@@ -51,8 +51,8 @@ impl DeadTime {
         for i in 0..self.delay.len() {
             let delay = v[self.delay][i];
             v.refuse(delay.above(S::from(0.0)) & delay.below(sample_time), |v| {
-                let allowed = format!("must be 0, or at least 1/{SAMPLES} of the longest, {} s", longest.told());
-                Invalid::new(v.name(self.delay.at(i)), delay.told(), allowed)
+                let allowed = format!("must be 0, or at least 1/{SAMPLES} of the longest, {} s", longest.to_text());
+                Invalid::new(v.name(self.delay.at(i)), delay.to_text(), allowed)
             });
         }
     }

@@ -191,8 +191,8 @@ impl Hull {
         let (length, diameter, m) = (v[self.length], v[self.diameter], v[self.m]);
         let is_long = length.at_least(diameter * SMALLEST_FINENESS);
         v.refuse(!is_long, |v| {
-            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {} m", diameter.told());
-            Invalid::new(v.name(self.length), length.told(), allowed)
+            let allowed = format!("must be at least {SMALLEST_FINENESS} times the diameter, {} m", diameter.to_text());
+            Invalid::new(v.name(self.length), length.to_text(), allowed)
         });
         let (a, b) = (length * 0.5, diameter * 0.5);
         let lateral = m * 0.2 * (a * a + b * b);
@@ -211,7 +211,7 @@ impl Hull {
         let is_definite = self.relate_inertia(std::array::from_fn(|i| own[i] + added_mass[i]), v);
         v.refuse(is_long & !is_definite, |v| {
             let reason = "must be smaller: with this value the inertia matrix is not positive definite";
-            Invalid::new(v.name(self.z_g), v[self.z_g].told(), reason)
+            Invalid::new(v.name(self.z_g), v[self.z_g].to_text(), reason)
         });
     }
 

@@ -104,7 +104,7 @@ impl System for Reference {
         let items = signals.iter().map(|signal| (signal.name.clone(), signal.description.clone())).collect::<Vec<_>>();
         let signal = (!items.is_empty())
             .then(|| d.parameter(selection("signal", "which parts the reference consists of", "Signal", items)));
-        let told = |name: &str, text: &str| vector(name, m, text).about(&of_r, &format!("{text} of {{}}"));
+        let described = |name: &str, text: &str| vector(name, m, text).about(&of_r, &format!("{text} of {{}}"));
         let mut parameter = |name: &str, text: &str, unit| {
             let spec = vector(name, m, text).about(&of_r, &format!("{text}, of {{}}"));
             d.parameter(match unit {
@@ -152,9 +152,9 @@ impl System for Reference {
             ],
             half_periods: d.discrete(vector("half_periods", m, "half periods of the square wave that have passed")),
             taken: d.discrete(matrix("step_taken", m, STEPS, "1 once the step was taken")),
-            r: d.output(told("r", "reference").units(&units)),
-            dr: d.output(told("dr", "first time derivative of the reference").units(&rates)),
-            ddr: d.output(told("ddr", "second time derivative of the reference").units(&second_rates)),
+            r: d.output(described("r", "reference").units(&units)),
+            dr: d.output(described("dr", "first time derivative of the reference").units(&rates)),
+            ddr: d.output(described("ddr", "second time derivative of the reference").units(&second_rates)),
         })
     }
 

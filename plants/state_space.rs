@@ -283,7 +283,7 @@ impl StateSpace {
                     let size = parts().fold(S::from(0.0), |sum, part| sum + part.abs());
                     v.refuse(shown.above(size * NEGLIGIBLE), |v| {
                         let name = format!("C A^{order} B of {}", v.name(rate.dy.at(i)));
-                        Invalid::new(name, shown.told(), "must be 0: this derivative has feedthrough from an input")
+                        Invalid::new(name, shown.to_text(), "must be 0: this derivative has feedthrough from an input")
                     });
                 }
                 *row = (0..n).map(|j| (0..n).fold(S::from(0.0), |sum, k| sum + row[k] * v[self.A.at(k, j)])).collect();

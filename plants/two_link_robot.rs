@@ -90,7 +90,7 @@ impl System for TwoLinkRobot {
         let det = v[self.determinant];
         v.refuse(!det.above(S::from(0.0)), |v| {
             let allowed = "must be above 0: the motion is undefined if the inertia matrix is singular or indefinite";
-            Invalid::new(v.name(self.determinant), det.told(), allowed)
+            Invalid::new(v.name(self.determinant), det.to_text(), allowed)
         });
     }
 

@@ -105,7 +105,7 @@ impl System for UnmatchedMimo {
         v.refuse(v.get(self.use_secant) & x2.cos().at_most(S::from(0.0)), |v| {
             let secant = v.name(self.use_secant);
             let allowed = format!("must have a positive cosine: with {secant} = true the motion ends at +-pi/2");
-            Invalid::new(v.name(self.x0.at(1)), x2.told(), allowed)
+            Invalid::new(v.name(self.x0.at(1)), x2.to_text(), allowed)
         });
     }
 

@@ -10,7 +10,7 @@ fn main() {
     println!("cargo::rustc-env=ADAPTIVE_FMU_COMPILER={}", compiler());
     let optimised = env::var("OPT_LEVEL").is_ok_and(|level| level != "0" && level != "1");
     println!("cargo::rustc-env=ADAPTIVE_FMU_OPTIMISED={optimised}");
-    sources::tell(&["src", "Cargo.toml", "build.rs"]);
+    sources::track(&["src", "Cargo.toml", "build.rs"]);
     println!("cargo::rustc-check-cfg=cfg(old_glibc)");
     if links_glibc() {
         println!("cargo::rustc-cfg=old_glibc");

@@ -3,5 +3,5 @@
 use adaptive_fmu_sources as sources;
 
 fn main() {
-    sources::tell(&["src", "Cargo.toml", "build.rs"]);
+    sources::track(&["src", "Cargo.toml", "build.rs"]);
 }

@@ -116,7 +116,7 @@ impl Jumps {
                         v.name(self.measured.at(i)),
                         before.rounded(),
                         now.rounded(),
-                        t.told()
+                        t.to_text()
                     )
                 });
             });
@@ -133,7 +133,7 @@ pub(super) fn require_below_half_a_turn<S: Scalar>(
     let half = std::f64::consts::PI;
     v.refuse(bound.at_least(S::from(half)), |v| {
         let allowed = format!("must be below {} rad, half a turn: the error is that of an angle", Number(half));
-        Invalid::new(name(v), bound.told(), allowed)
+        Invalid::new(name(v), bound.to_text(), allowed)
     });
 }
 

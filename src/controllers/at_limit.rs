@@ -82,7 +82,7 @@ impl Guarantee {
                     format!(
                         "{} is at its limit at t = {} s: meanwhile it isn't guaranteed that {} stays in its funnel",
                         v.name(u.at(k)),
-                        t.told(),
+                        t.to_text(),
                         v.name(errors)
                     )
                 });

@@ -69,7 +69,7 @@ impl Clock {
     }
 
     /// Warning text for a step that is longer.
-    pub fn told_overrun<S: Scalar>(&self, step: S, v: &Values<S>, sample_time: &str) -> String {
+    pub fn overrun_warning<S: Scalar>(&self, step: S, v: &Values<S>, sample_time: &str) -> String {
         format!(
             "the communication step {} s is longer than the sample time {} s: several samples are taken of the same inputs, and \
              only the last one's control is used. Step no further than {sample_time}",

@@ -176,12 +176,12 @@ impl Funnel {
         performance::report([self.rho_0, self.rho_inf, self.decay_rate], v, report);
         let overshoot = v[self.overshoot].iter().copied().fold(f64::INFINITY, f64::min);
         match v.get(self.shape).item() {
-            Shape::Symmetric => report.tell("shape", "symmetric", "", "-rho < e < rho"),
-            Shape::NoOvershoot if overshoot > 0.0 => report.tell("shape", "no_overshoot", "", ""),
+            Shape::Symmetric => report.add("shape", "symmetric", "", "-rho < e < rho"),
+            Shape::NoOvershoot if overshoot > 0.0 => report.add("shape", "no_overshoot", "", ""),
             Shape::NoOvershoot => {
                 let overshoot = v.name(self.overshoot);
                 let note = format!("with {overshoot} = 0 an error that starts at 0 starts at a bound and is rejected");
-                report.tell("shape", "no_overshoot", "", &note);
+                report.add("shape", "no_overshoot", "", &note);
             }
         }
     }
@@ -338,7 +338,7 @@ impl Funnel {
                 v.refuse(*answers_it & *stands_so, |v| {
                     let (low, high) = (low.rounded_at_most(), high.rounded_at_most());
                     let allowed = format!("must lie between {low} and {high}, and {place}: {helps}");
-                    Invalid::new(v.name(self.e.at(i)), e.told(), allowed)
+                    Invalid::new(v.name(self.e.at(i)), e.to_text(), allowed)
                 });
             }
         }
@@ -391,7 +391,7 @@ impl Funnel {
                 error.rounded(),
                 v.name(self.rho.at(i)),
                 rho.rounded(),
-                t.told(),
+                t.to_text(),
                 opened_to.rounded(),
                 v.name(self.reopened)
             )

@@ -334,7 +334,7 @@ impl System for FunnelControl {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 }
 

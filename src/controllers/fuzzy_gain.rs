@@ -148,7 +148,7 @@ impl FuzzyGain {
             v.refuse(!v[k_d].equals(S::from(0.0)) & S::Flag::from(!known), |v| {
                 let allowed = "must be 0: the control has feedthrough to the rate of this output (C B), so that the rate isn't \
                                known from the state";
-                Invalid::new(v.name(k_d), v[k_d].told(), allowed)
+                Invalid::new(v.name(k_d), v[k_d].to_text(), allowed)
             });
         }
         let m = self.k_f.len();
@@ -159,7 +159,7 @@ impl FuzzyGain {
                 let allowed = format!(
                     "must be above 0 where {K_ij} isn't 0: the fuzzy gain takes its place, and scales {row} in proportion"
                 );
-                Invalid::new(v.name(K_ii), v[K_ii].told(), allowed)
+                Invalid::new(v.name(K_ii), v[K_ii].to_text(), allowed)
             });
         }
     }

@@ -303,7 +303,7 @@ impl System for L1Limit {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 }
 

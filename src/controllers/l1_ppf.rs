@@ -208,13 +208,13 @@ impl System for L1Ppf {
         // A barrier with nothing to do does no harm.
         let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
         let is_stiff = active & acts & (step * v[self.stiffness]).above(limit) & !self.is_sampled(&v.values());
-        self.law.judge_step_beside(is_stiff, |v| self.told_stiffness(step, v), v);
+        self.law.judge_step_beside(is_stiff, |v| self.stiffness_warning(step, v), v);
         self.when_sampled(v, |samples, v| self.judge_sampling(samples, step, v));
         v.when(active, |v| self.guarantee.look(t, self.funnel.error(), v));
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
         self.law.report_angles(v, report);
         self.law.report(&[("", v.matrix(self.law.feedback_gain()).into_owned())], v, report);
     }
@@ -279,7 +279,7 @@ impl L1Ppf {
     }
 
     /// Warning text about a step that is too long for the barrier.
-    fn told_stiffness<S: Scalar>(&self, step: S, v: &Values<S>) -> String {
+    fn stiffness_warning<S: Scalar>(&self, step: S, v: &Values<S>) -> String {
         let rate = v[self.stiffness];
         let sampled =
             if self.samples.is_some() { format!("{} = sampled, ", v.name(self.evaluation)) } else { String::new() };

@@ -332,13 +332,13 @@ impl System for L1Sampled {
             let too_long = self.clock.is_overrun(step, &v.values());
             v.put(self.step_too_long, too_long);
             v.when(too_long, |v| {
-                v.warn(self.long_step, |v| self.clock.told_overrun(step, v, &v.name(self.sample_time)));
+                v.warn(self.long_step, |v| self.clock.overrun_warning(step, v, &v.name(self.sample_time)));
             });
         });
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 }
 

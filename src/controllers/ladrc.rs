@@ -210,7 +210,7 @@ impl System for Ladrc {
             let by_controller = given.equals(S::from(BY_CONTROLLER));
             v.refuse(!by_controller & given.at_most(S::from(0.0)), |v| {
                 let allowed = format!("must be {BY_CONTROLLER} ({FASTER} times omega_c), or above 0 rad/s");
-                Invalid::new(v.name(self.omega_o.at(i)), given.told(), allowed)
+                Invalid::new(v.name(self.omega_o.at(i)), given.to_text(), allowed)
             });
             v[self.omega_o_in_force][i] = S::branch(by_controller, || omega_c * FASTER, || given);
         }
@@ -276,7 +276,7 @@ impl System for Ladrc {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 }
 

@@ -117,7 +117,7 @@ impl Moves {
 
 impl<S: Scalar> Move<S> {
     /// Warning text, with advice.
-    pub fn told(self, step: S, helps: &str) -> String {
+    pub fn warning(self, step: S, helps: &str) -> String {
         let Move { part, limit, .. } = self;
         // The move goes with the step.
         let shorter = step * limit * NAMED / part;

@@ -219,7 +219,7 @@ impl System for Observer {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 
     fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {

@@ -94,11 +94,11 @@ impl Origins {
             let name = format!("origin of {}", v.name(x.at(angle.state)));
             if angle.moves {
                 let note = format!("it moves to the reference where that is beyond {} from it", v.name(self.range));
-                report.tell(&name, "moves", "", &note);
+                report.add(&name, "moves", "", &note);
             } else {
                 let note = "the nominal dynamics follow from the angle itself, or there is no baseline: what the control law \
                             multiplies by the angle grows with its turns";
-                report.tell(&name, "stays at 0", "", note);
+                report.add(&name, "stays at 0", "", note);
             }
         }
     }

@@ -230,7 +230,7 @@ impl System for Pid {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 }
 
@@ -302,9 +302,9 @@ impl Pid {
         }
         let (b, c, one) = (v[self.b][i], v[self.c][i], S::from(1.0));
         let why = format!("channel {} is an angle (angles)", i + 1);
-        v.refuse(!b.equals(one), |v| Invalid::new(v.name(self.b.at(i)), b.told(), format!("must be 1: {why}")));
+        v.refuse(!b.equals(one), |v| Invalid::new(v.name(self.b.at(i)), b.to_text(), format!("must be 1: {why}")));
         v.refuse(!(c.equals(S::from(0.0)) | c.equals(one)), |v| {
-            Invalid::new(v.name(self.c.at(i)), c.told(), format!("must be 0 or 1: {why}"))
+            Invalid::new(v.name(self.c.at(i)), c.to_text(), format!("must be 0 or 1: {why}"))
         });
     }
 
@@ -314,7 +314,7 @@ impl Pid {
         let is_known = time.equals(S::from(BY_GAINS)) | time.equals(S::from(0.0));
         v.refuse(!is_known & time.below(S::from(LEAST_TIME)), |v| {
             let allowed = format!("must be {BY_GAINS} (by the gains), 0 (off), or at least {} s", Number(LEAST_TIME));
-            Invalid::new(v.name(self.tracking_time.at(i)), time.told(), allowed)
+            Invalid::new(v.name(self.tracking_time.at(i)), time.to_text(), allowed)
         });
     }
 }

@@ -76,7 +76,7 @@ impl Sampling {
         let is_known = asked.equals(S::from(0.0)) | asked.at_least(S::from(SHORTEST));
         v.refuse(!is_known, |v| {
             let allowed = format!("must be {SHORTEST:e} or more, or 0 for the length of the first communication step");
-            Invalid::new(v.name(self.sample_time), asked.told(), allowed)
+            Invalid::new(v.name(self.sample_time), asked.to_text(), allowed)
         });
     }
 

@@ -46,7 +46,7 @@ impl Supervised {
         v.when(active, |v| {
             let moved = self.moves.look(self.u, step, v);
             v.put(self.step_too_long, moved.flag);
-            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or a single FMU")));
+            v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.warning(step, ", or a single FMU")));
         });
         v.when(!active, |v| {
             self.moves.begin(v);
@@ -58,8 +58,8 @@ impl Supervised {
     /// itself.
     pub fn judge<S: Scalar>(&self, too_long: S::Flag, v: &mut Point<S>, text: impl FnOnce(&Values<S>) -> String) {
         let too_long = too_long & v.get(self.is_stepped);
-        let told = v.get(self.step_too_long);
-        v.put(self.step_too_long, told | too_long);
+        let earlier = v.get(self.step_too_long);
+        v.put(self.step_too_long, earlier | too_long);
         v.when(too_long, |v| v.warn(self.long_step, text));
     }
 }

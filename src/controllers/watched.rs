@@ -154,14 +154,14 @@ impl WatchedFunnel {
             let error = e(i, &v.values());
             let outside = self.margin(i, t, error, &v.values()).below(S::from(0.0));
             any = any | outside;
-            v.when(outside & !v.get(is_outside), |v| self.tell(i, t, error, v));
+            v.when(outside & !v.get(is_outside), |v| self.warn(i, t, error, v));
             v.put(is_outside, outside);
         }
         v.put(self.left, any);
     }
 
     /// Counts an error that has left its funnel, and warns of it.
-    fn tell<S: Scalar>(&self, i: usize, t: S, error: S, v: &mut Point<S>) {
+    fn warn<S: Scalar>(&self, i: usize, t: S, error: S, v: &mut Point<S>) {
         let count = S::from_integer(v.get(self.exits)) + 1.0;
         v.put(self.exits, count.to_integer());
         let rho = self.rho(i, t, &v.values());
@@ -172,7 +172,7 @@ impl WatchedFunnel {
                  happens",
                 error.rounded(),
                 rho.rounded(),
-                t.told()
+                t.to_text()
             )
         });
     }

@@ -50,7 +50,7 @@ pub fn at_once(plant: &Nominal, most_modulus: f64) -> Option<String> {
 }
 
 /// Reason why a search found nothing, if the plant shows it.
-pub fn told<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
+pub fn of_failure<L: Law>(plant: &Nominal, most_integrators: usize) -> String {
     let W = plant.bandwidth;
     let integrators = plant.poles.iter().filter(|pole| pole.norm() < 1e-3).count();
     if integrators > most_integrators {

@@ -187,21 +187,23 @@ fn a_plant_without_a_design_has_its_reason() {
         let nominal = nominal(&plant(text), bandwidth);
         super::reasons::at_once(&nominal, 2.0).unwrap_or_else(|| {
             assert!(search::<pid::Pid>(&nominal).is_none());
-            super::reasons::told::<pid::Pid>(&nominal, most)
+            super::reasons::of_failure::<pid::Pid>(&nominal, most)
         })
     };
     // (s − 6)/((s − 5)(s + 1))
-    let told = refused(r#"{"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}"#, 10.0, 2);
+    let error = refused(r#"{"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}"#, 10.0, 2);
     assert!(
-        told.contains("pole at 5 rad/s") && told.contains("zero on the right at 6 rad/s") && told.contains("least 11"),
-        "{told}"
+        error.contains("pole at 5 rad/s")
+            && error.contains("zero on the right at 6 rad/s")
+            && error.contains("least 11"),
+        "{error}"
     );
-    let told = refused(r#"{"A": [[0, 1, 0], [0, 0, 1], [0, 0, 0]], "B": [0, 0, 1], "C": [1, 0, 0]}"#, 1.0, 2);
-    assert!(told.contains("3 poles at 0"), "{told}");
-    let told = refused(r#"{"A": [[0, 1], [-2, -3]], "B": [0, 1], "C": [0, 1]}"#, 1.0, 2);
-    assert!(told.contains("zero at 0"), "{told}");
-    let told = refused(r#"{"A": [[1, 0], [0, -2]], "B": [0, 1], "C": [1, 1]}"#, 1.0, 2);
-    assert!(told.contains("isn't stable, and the inputs don't move it"), "{told}");
-    let told = refused(r#"{"A": [[1]], "B": [1], "C": [1], "delay": 0.9}"#, 3.0, 2);
-    assert!(told.contains("unstable pole at 1 rad/s and a dead time of 0.9 s"), "{told}");
+    let error = refused(r#"{"A": [[0, 1, 0], [0, 0, 1], [0, 0, 0]], "B": [0, 0, 1], "C": [1, 0, 0]}"#, 1.0, 2);
+    assert!(error.contains("3 poles at 0"), "{error}");
+    let error = refused(r#"{"A": [[0, 1], [-2, -3]], "B": [0, 1], "C": [0, 1]}"#, 1.0, 2);
+    assert!(error.contains("zero at 0"), "{error}");
+    let error = refused(r#"{"A": [[1, 0], [0, -2]], "B": [0, 1], "C": [1, 1]}"#, 1.0, 2);
+    assert!(error.contains("isn't stable, and the inputs don't move it"), "{error}");
+    let error = refused(r#"{"A": [[1]], "B": [1], "C": [1], "delay": 0.9}"#, 3.0, 2);
+    assert!(error.contains("unstable pole at 1 rad/s and a dead time of 0.9 s"), "{error}");
 }

@@ -35,14 +35,14 @@ pub fn report(parameters: [VectorOf<Parameter>; 3], v: &Values<f64>, report: &mu
     let [rho_0, rho_inf, decay_rate] = parameters.map(|parameter| &v[parameter]);
     let names = parameters.map(|parameter| v.name(parameter));
     let row = |values: &dyn Fn(usize) -> f64| DMatrix::from_fn(1, rho_0.len(), |_, i| values(i));
-    report.tell(&names[0], &row(&|i| rho_0[i]), "", "bound of each error at the start, in the error's own unit");
-    report.tell(&names[1], &row(&|i| rho_inf[i]), "", "final bound");
-    report.tell(&names[2], &row(&|i| decay_rate[i]), "1/s", "");
+    report.add(&names[0], &row(&|i| rho_0[i]), "", "bound of each error at the start, in the error's own unit");
+    report.add(&names[1], &row(&|i| rho_inf[i]), "", "final bound");
+    report.add(&names[2], &row(&|i| decay_rate[i]), "1/s", "");
     let steepest = row(&|i| decay_rate[i] * (rho_0[i] - rho_inf[i]));
-    report.tell("steepest slope", &steepest, "", "at the start: an error that decays more slowly leaves the funnel");
+    report.add("steepest slope", &steepest, "", "at the start: an error that decays more slowly leaves the funnel");
     let narrow = |i: usize| ((rho_0[i] - rho_inf[i]) / (NARROW * rho_inf[i])).max(1.0).ln() / decay_rate[i];
     let slowest = (0..rho_0.len()).map(narrow).fold(0.0, f64::max);
-    report.tell("narrow from", slowest, "s", &format!("all bounds are within 5 % of {}", names[1]));
+    report.add("narrow from", slowest, "s", &format!("all bounds are within 5 % of {}", names[1]));
 }
 
 /// Part of ρ_∞ within which a funnel counts as narrow.

@@ -153,8 +153,8 @@ pub fn references(given: &[f64], count: usize) -> Result<Vec<f64>, Invalid> {
 /// Numbers in words, as one where all are the same.
 pub fn one_or_each(numbers: &[f64]) -> String {
     let is_one = numbers.windows(2).all(|pair| pair[0] == pair[1]);
-    let told = if is_one { &numbers[..numbers.len().min(1)] } else { numbers };
-    told.iter().map(|&value| crate::report::number(three_digits(value))).collect::<Vec<_>>().join(", ")
+    let listed = if is_one { &numbers[..numbers.len().min(1)] } else { numbers };
+    listed.iter().map(|&value| crate::report::number(three_digits(value))).collect::<Vec<_>>().join(", ")
 }
 
 impl Request<'_> {

@@ -301,8 +301,8 @@ impl Given {
 impl Signals {
     /// Words for each, for descriptions: the plant's own texts, else its names; none if neither are distinct.
     pub fn quantities(&self) -> Vec<String> {
-        let tells = |texts: &[String]| !texts.is_empty() && quantities("", texts, texts.len()).is_ok();
-        [&self.texts, &self.names].into_iter().find(|texts| tells(texts)).cloned().unwrap_or_default()
+        let are_units = |texts: &[String]| !texts.is_empty() && quantities("", texts, texts.len()).is_ok();
+        [&self.texts, &self.names].into_iter().find(|texts| are_units(texts)).cloned().unwrap_or_default()
     }
 
     /// Places of the signals with these names.
@@ -337,9 +337,9 @@ impl Signals {
             Some(_) => return Err(Invalid::because("units: must be an object with lists x, u, y")),
         };
         // Signals that are objects contain their units.
-        let told =
+        let declared =
             || table.get(key).and_then(|value| texts(key, "unit", value, len).ok().filter(|_| !value[0].is_string()));
-        let units = units.transpose()?.or_else(told).unwrap_or_default();
+        let units = units.transpose()?.or_else(declared).unwrap_or_default();
         Ok(Signals { names, units, texts: words })
     }
 }

@@ -123,15 +123,15 @@ fn an_angle_that_jumps_and_is_not_declared_is_reported_once() {
             ));
             run.set("y[1]", 3.0);
             run.0.initialise().unwrap();
-            let mut told = Vec::new();
+            let mut messages = Vec::new();
             for (angle, length) in [(3.1, 0.0), (3.1, 6.3), (-3.1, 0.0), (3.0, 0.0), (0.0, 0.0)] {
                 run.set("y[1]", angle);
                 run.set("y[2]", length);
                 run.step(0.01);
-                told.extend(run.0.take_messages().filter(|message| message.category == "logAngleJump"));
+                messages.extend(run.0.take_messages().filter(|message| message.category == "logAngleJump"));
             }
-            assert_eq!(told.len(), warnings, "{kind}: {told:?}");
-            for message in told {
+            assert_eq!(messages.len(), warnings, "{kind}: {messages:?}");
+            for message in messages {
                 assert!(message.text.contains("y[1]") && message.text.contains("declare it in angles"), "{message:?}");
             }
         }

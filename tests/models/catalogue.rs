@@ -65,8 +65,8 @@ fn nothing_but_its_own_file_names_a_kind() {
     for (file, text) in sources() {
         let code = text.split("#[cfg(test)]").next().unwrap_or_default();
         // An icon has the name of its kind.
-        let says = |line: &str| says_its_name(line) || line.contains("icon!(");
-        let lines = code.lines().filter(|line| !says(line) && !line.trim_start().starts_with("//"));
+        let is_name = |line: &str| says_its_name(line) || line.contains("icon!(");
+        let lines = code.lines().filter(|line| !is_name(line) && !line.trim_start().starts_with("//"));
         for line in lines {
             let kinds = CATALOGUE.iter().map(|entry| entry.kind.name).filter(|name| !WORDS.contains(name));
             let found: Vec<_> = kinds.filter(|name| line.contains(&format!("\"{name}\""))).collect();

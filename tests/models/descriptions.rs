@@ -97,9 +97,13 @@ fn alike(model: &Model) -> Vec<String> {
         .variables()
         .visible()
         .filter(|element| matches!(element.variable.causality, Causality::Input | Causality::Output));
-    let mut told = BTreeMap::<_, Vec<String>>::new();
-    ports.for_each(|port| told.entry(port.description().into_owned()).or_default().push(port.name()));
-    told.into_iter().filter(|(_, names)| names.len() > 1).map(|(text, names)| format!("{names:?}: {text}")).collect()
+    let mut described = BTreeMap::<_, Vec<String>>::new();
+    ports.for_each(|port| described.entry(port.description().into_owned()).or_default().push(port.name()));
+    described
+        .into_iter()
+        .filter(|(_, names)| names.len() > 1)
+        .map(|(text, names)| format!("{names:?}: {text}"))
+        .collect()
 }
 
 #[test]
@@ -117,24 +121,24 @@ fn no_two_inputs_or_outputs_of_a_unit_say_the_same_of_themselves() {
 
 #[test]
 fn a_controller_speaks_of_the_plant_that_its_description_tells() {
-    let said = |model: &Model, name: &str| model.variables().find(name).unwrap().description().into_owned();
+    let described = |model: &Model, name: &str| model.variables().find(name).unwrap().description().into_owned();
     let vehicle = model(&description("L1MaresAuv")).unwrap();
-    assert_eq!(said(&vehicle, "r[3]"), "reference of depth");
-    assert_eq!(said(&vehicle, "x[12]"), "measured rate of yaw psi");
-    assert_eq!(said(&vehicle, "u[6]"), "commanded moment of psi");
+    assert_eq!(described(&vehicle, "r[3]"), "reference of depth");
+    assert_eq!(described(&vehicle, "x[12]"), "measured rate of yaw psi");
+    assert_eq!(described(&vehicle, "u[6]"), "commanded moment of psi");
     assert_eq!(
-        said(&vehicle, "u_max[1]"),
+        described(&vehicle, "u_max[1]"),
         "largest force north that the actuator can give; the predictor knows of it (1e15: no limit)"
     );
-    assert_eq!(said(&vehicle, "der(x_hat[3])"), "time derivative of: predicted depth");
+    assert_eq!(described(&vehicle, "der(x_hat[3])"), "time derivative of: predicted depth");
     // Without it elements are counted.
     let text = description("L1MaresAuv");
     let (before, rest) = text.split_once("[structure.quantities]").unwrap();
     let unnamed =
         model(&format!("{before}[structure.units]{}", rest.split_once("[structure.units]").unwrap().1)).unwrap();
-    assert_eq!(said(&unnamed, "r[3]"), "reference, 3 of 6");
-    assert_eq!(said(&unnamed, "x[12]"), "measured state of the plant, 12 of 12");
-    assert_eq!(said(&unnamed, "feedback_gain[1,2]"), "feedback gain K of the filter K D(s), row 1, column 2");
+    assert_eq!(described(&unnamed, "r[3]"), "reference, 3 of 6");
+    assert_eq!(described(&unnamed, "x[12]"), "measured state of the plant, 12 of 12");
+    assert_eq!(described(&unnamed, "feedback_gain[1,2]"), "feedback gain K of the filter K D(s), row 1, column 2");
     assert!(alike(&unnamed).is_empty());
 }
 
@@ -156,9 +160,9 @@ fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
             format!("name = \"R\"\nmodel = \"reference\"\ndescription = \"\"\n{more}\n[structure]\nchannels = 1\n");
         model(&text).unwrap()
     };
-    let (plain, told) =
+    let (plain, described) =
         (own(""), own("author = \"A & B\"\nversion = \"2.1\"\nlicense = \"MIT\"\ncopyright = \"(c) A\""));
-    let xml = model_description::xml(&told);
+    let xml = model_description::xml(&described);
     assert!(
         xml.contains("author=\"A &amp; B\" version=\"2.1\" license=\"MIT\" copyright=\"(c) A\" generationTool="),
         "{xml}"
@@ -166,7 +170,7 @@ fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
     // Unknown attributes are absent.
     let xml = model_description::xml(&plain);
     assert!(!xml.contains("author=") && !xml.contains("license=") && !xml.contains("copyright="), "{xml}");
-    assert_ne!(model_description::guid(&plain), model_description::guid(&told));
+    assert_ne!(model_description::guid(&plain), model_description::guid(&described));
     for wrong in ["author = \"\"", "version = \" 1\"", "license = \"two\\nlines\""] {
         refused(
             &controller("model = ", &format!("{wrong}\nmodel = ")).replace(

@@ -229,8 +229,8 @@ fn an_error_that_leaves_its_funnel_is_told_with_its_channel_and_the_time() {
     let before = run.get("u[2]");
     run.set("y[2]", 1.5);
     let reason = run.failure(0.5).to_string();
-    for told in ["e[2] = 1.5", "t = 1 s", "has left its funnel", "psi[2]", "1.05"] {
-        assert!(reason.contains(told), "{told}: {reason}");
+    for message in ["e[2] = 1.5", "t = 1 s", "has left its funnel", "psi[2]", "1.05"] {
+        assert!(reason.contains(message), "{message}: {reason}");
     }
     assert_eq!((run.0.time(), run.get("u[2]")), (0.5, before), "as before the step");
     // The second level: the error's rate.

@@ -49,11 +49,11 @@ fn it_opens_to_more_than_the_error_and_closes_again_at_its_rate() {
     run.set("y[1]", 0.501);
     run.step(1e-9);
     assert!((run.get("psi[1]") - 1.25 * 0.501).abs() < 1e-6 && run.integer("funnel_reopened") == 2);
-    let told: Vec<_> =
+    let messages: Vec<_> =
         run.0.take_messages().map(|message| message.text).filter(|text| text.contains("re-opened")).collect();
-    assert_eq!(told.len(), 1, "warned once: {told:?}");
+    assert_eq!(messages.len(), 1, "warned once: {messages:?}");
     for word in ["e[1] = -7", "re-opened to 8.75", "t = 1 s", "funnel_reopened"] {
-        assert!(told[0].contains(word), "{word}: {told:?}");
+        assert!(messages[0].contains(word), "{word}: {messages:?}");
     }
 }
 

@@ -102,8 +102,8 @@ fn tables_and_lists_within_each_other_without_end_are_refused() {
 fn a_file_of_many_wrong_values_is_refused_with_some_of_them() {
     let values: String = (0..30_000).map(|k| format!("a{k} = 1.0\n")).collect();
     let text = format!("{}[start]\n{values}", structure("reference", "channels = 1000"));
-    let told = soon("many values", || model(&text).unwrap_err());
-    assert!(told.contains("[start] a0") && told.matches("[start]").count() == 20, "{} characters", told.len());
+    let error = soon("many values", || model(&text).unwrap_err());
+    assert!(error.contains("[start] a0") && error.matches("[start]").count() == 20, "{} characters", error.len());
 }
 
 #[test]
@@ -178,8 +178,8 @@ fn no_change_of_a_description_leads_to_a_fault_or_takes_without_end() {
             let answer = std::panic::catch_unwind(|| soon(&changed, || model(&changed).map(|_| ())));
             let answer = answer.unwrap_or_else(|_| panic!("a fault in\n{changed}"));
             made += usize::from(answer.is_ok());
-            let told = answer.err().unwrap_or_default();
-            assert!(!told.contains('\n'), "{told}");
+            let error = answer.err().unwrap_or_default();
+            assert!(!error.contains('\n'), "{error}");
         }
     }
     assert!(made > 20, "some changes do no harm, and are not refused: {made}");

@@ -251,8 +251,8 @@ fn an_error_that_leaves_its_funnel_is_told_with_its_channel_and_the_time() {
     let before = run.get("u[2]");
     run.set("x[2]", 1.5);
     let reason = run.failure(0.5).to_string();
-    for told in ["e[2] = 1.5", "has left its funnel", "rho[2]", "on_funnel_exit"] {
-        assert!(reason.contains(told), "{told}: {reason}");
+    for message in ["e[2] = 1.5", "has left its funnel", "rho[2]", "on_funnel_exit"] {
+        assert!(reason.contains(message), "{message}: {reason}");
     }
     assert_eq!((run.0.time(), run.get("u[2]")), (0.5, before), "as before the step");
     let mut run = unit(COUPLED[2], "on_funnel_exit = 'reopen'");

@@ -389,8 +389,8 @@ fn a_step_that_is_longer_than_the_sample_time_is_told() {
     assert_eq!(unit.step(0.0, 0.005), OK);
     assert!(unit.messages().is_empty());
     assert_eq!(unit.step(0.005, 0.02), OK);
-    let told = unit.messages().iter().map(|(_, _, text)| text.as_str()).collect::<String>();
-    assert!(told.contains("longer than the sample time") && told.contains("sample_time"), "{told}");
+    let messages = unit.messages().iter().map(|(_, _, text)| text.as_str()).collect::<String>();
+    assert!(messages.contains("longer than the sample time") && messages.contains("sample_time"), "{messages}");
 }
 
 fn report(text: &str) -> DesignReport {
@@ -410,16 +410,16 @@ fn number(report: &DesignReport, name: &str) -> f64 {
 #[test]
 fn the_report_tells_what_input_gains_and_dead_times_the_loop_bears() {
     let text = description(ROBOT).replace("sample_time = 0.005", &at(0.01, 1)).replace("step = 0.005", "step = 0.01");
-    let told = report(&text);
-    assert!(told.findings.iter().all(|finding| finding.verdict != Verdict::NotSound), "{:?}", told.findings);
-    let (least, largest) = (number(&told, "least input gain"), number(&told, "largest input gain"));
+    let found = report(&text);
+    assert!(found.findings.iter().all(|finding| finding.verdict != Verdict::NotSound), "{:?}", found.findings);
+    let (least, largest) = (number(&found, "least input gain"), number(&found, "largest input gain"));
     assert!(1.0 / 3.0 < least && least < 0.5 && 1.0 / 0.7 < largest && largest < 2.0, "{least} … {largest}");
-    assert!((number(&told, "dead time") - 0.01).abs() < 1e-12);
-    let margin = number(&told, "delay margin");
+    assert!((number(&found, "dead time") - 0.01).abs() < 1e-12);
+    let margin = number(&found, "delay margin");
     assert!(margin > 0.0 && margin < 0.02, "{margin}");
     // The poles of the nominal loop are those that were placed, and that of the filter.
     let slowest = (-30.0_f64 * 0.01).exp();
-    assert!((number(&told, "largest magnitude of the poles") - slowest).abs() < 1e-4);
+    assert!((number(&found, "largest magnitude of the poles") - slowest).abs() < 1e-4);
     // A longer step than the sample time.
     let long = report(&text.replace("step = 0.01", "step = 0.02"));
     assert!(long.findings.iter().any(|finding| finding.verdict == Verdict::NotSound && finding.name == "default step"));

@@ -311,9 +311,9 @@ fn the_time_at_a_limit_is_told_as_long_as_the_control_stands_there() {
     }
     assert!(longest > 0.25 && unit.get("u[1]") == 3.0 && unit.get("time_at_limit") > 0.09);
     // The desired dynamics have the poles −21 ± 0.743 j: 4/21 s.
-    let told: Vec<_> = unit.messages().into_iter().filter(|(_, category, _)| category == "logLimit").collect();
-    assert_eq!(told.len(), 1, "{told:?}");
-    assert!(["u[1]", "u_max[1]", "0.191 s"].iter().all(|word| told[0].2.contains(word)), "{told:?}");
+    let messages: Vec<_> = unit.messages().into_iter().filter(|(_, category, _)| category == "logLimit").collect();
+    assert_eq!(messages.len(), 1, "{messages:?}");
+    assert!(["u[1]", "u_max[1]", "0.191 s"].iter().all(|word| messages[0].2.contains(word)), "{messages:?}");
     assert_eq!(unit.reset(), OK);
     unit.start(0.0);
     assert_eq!(unit.get("time_at_limit"), 0.0);

@@ -298,10 +298,10 @@ fn a_body_that_cannot_be_is_refused() {
 #[test]
 fn what_its_page_says_of_size_weight_and_inertia_is_so() {
     let page = include_str!("../../docs/plants/mares_auv.md").split_whitespace().collect::<Vec<_>>().join(" ");
-    for said in
+    for text in
         ["$b$ = `diameter`/2", "\\tfrac43 \\pi \\rho\\, a b^2$", "no term $m z_g^2$", "a larger hull is not lifted"]
     {
-        assert!(page.contains(said), "{said}");
+        assert!(page.contains(text), "{text}");
     }
     // Without drag and at rest, a hull of another size and density of the water is turned by the same couple, and not lifted.
     let pose = State::from_fn(|i, _| if i == 3 { 0.4 } else { 0.0 });

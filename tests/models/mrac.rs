@@ -128,7 +128,7 @@ fn separate(controller: &Unit, until: f64, step: f64, mut look: impl FnMut(&Unit
 
 #[test]
 fn sampled_it_follows_the_same_model_and_tells_of_steps_that_are_too_long() {
-    let told =
+    let warnings =
         |unit: &Unit| unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong").count();
     for (gain, flagged) in [(10.0, false), (100.0, false), (1000.0, true)] {
         let unit = Unit::from_text(&text(&format!("adaptation_gain = {gain:?}")));
@@ -139,7 +139,7 @@ fn sampled_it_follows_the_same_model_and_tells_of_steps_that_are_too_long() {
         assert!((rms - exact[0]).abs() < 2e-4, "{gain}: {rms}, {}", exact[0]);
         near("largest control", largest, exact[2], 0.01);
         // Half of the tolerated dead time is 1.1 ms at 25 rad/s, and 0.11 ms at 80 rad/s.
-        assert_eq!((ever, told(&unit)), (flagged, usize::from(flagged)), "{gain}");
+        assert_eq!((ever, warnings(&unit)), (flagged, usize::from(flagged)), "{gain}");
     }
 }
 
@@ -166,10 +166,10 @@ fn the_estimates_stay_within_their_bounds_at_any_step() {
             within("sigma_hat[1]", -0.1, 0.1);
             most = most.max(unit.get_integer("projection_active"));
         }
-        let told = unit.messages().into_iter().filter(|(_, category, text)| {
+        let messages = unit.messages().into_iter().filter(|(_, category, text)| {
             category == "logProjection" && text.contains("theta_bound") && text.contains("omega_max")
         });
-        assert!(most >= 3 && told.count() == 1, "{most} at steps of {step}");
+        assert!(most >= 3 && messages.count() == 1, "{most} at steps of {step}");
     }
 }
 

@@ -167,8 +167,8 @@ fn a_funnel_that_re_opens_is_counted_and_closes_again() {
     // 1.25 times the error where the step began, then 1 ms of decay.
     assert!((unit.get("rho[3]") / e - 1.25).abs() < 0.05 && unit.get("rho[1]") < 2.0);
     let messages = unit.messages();
-    let told = messages.iter().filter(|(_, category, text)| category == "logFunnel" && text.contains("e[3]")).count();
-    assert_eq!(told, 1, "{messages:?}");
+    let count = messages.iter().filter(|(_, category, text)| category == "logFunnel" && text.contains("e[3]")).count();
+    assert_eq!(count, 1, "{messages:?}");
     put(&unit, "x", R);
     unit.run(0.011, 1000, 1e-3);
     assert!(unit.get("rho[3]") < 1.2 && unit.get_integer("funnel_reopened") == 1);

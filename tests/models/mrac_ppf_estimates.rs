@@ -246,8 +246,8 @@ fn largest(case: &Loop, steps: usize) -> (f64, f64, i32, Vec<String>) {
         last = theta.iter().fold(0.0, |most: f64, theta| most.max(theta.abs()));
         largest = largest.max(last);
     });
-    let told = unit.messages().into_iter().filter(|(_, category, _)| category == "logProjection");
-    (largest, last, unit.get_integer("projection_active"), told.map(|(.., text)| text).collect())
+    let messages = unit.messages().into_iter().filter(|(_, category, _)| category == "logProjection");
+    (largest, last, unit.get_integer("projection_active"), messages.map(|(.., text)| text).collect())
 }
 
 #[test]
@@ -255,24 +255,27 @@ fn noise_drives_the_estimates_on_and_on_unless_they_leak_or_are_bounded() {
     let case = |theta_bound, theta_leakage| Loop { theta_bound, theta_leakage, noise: 0.01 };
     let steps = 80_000;
     // 9.25 after 400 s, 34 after 1500 s: a bias, as long as there is noise.
-    let (drifting, .., told) = largest(&case(1e3, 0.0), steps);
-    assert!((1.9..2.35).contains(&drifting) && told.is_empty(), "{drifting}");
-    let (bounded, last, active, told) = largest(&case(2.0, 0.0), steps);
+    let (drifting, .., messages) = largest(&case(1e3, 0.0), steps);
+    assert!((1.9..2.35).contains(&drifting) && messages.is_empty(), "{drifting}");
+    let (bounded, last, active, messages) = largest(&case(2.0, 0.0), steps);
     assert!((1.8..1.95).contains(&last) && bounded < 2.0, "{last}, {bounded}");
     assert!(
-        active <= 4 && told.len() == 1 && told[0].contains("theta_bound") && told[0].contains("theta_leakage"),
-        "{told:?}"
+        active <= 4
+            && messages.len() == 1
+            && messages[0].contains("theta_bound")
+            && messages[0].contains("theta_leakage"),
+        "{messages:?}"
     );
-    let (leaking, last, active, told) = largest(&case(2.0, 0.05), 40_000);
+    let (leaking, last, active, messages) = largest(&case(2.0, 0.05), 40_000);
     assert!(
-        (0.2..0.33).contains(&last) && leaking < 0.4 && active == 0 && told.is_empty(),
-        "{last}, {leaking}, {told:?}"
+        (0.2..0.33).contains(&last) && leaking < 0.4 && active == 0 && messages.is_empty(),
+        "{last}, {leaking}, {messages:?}"
     );
 }
 
 #[test]
 fn what_check_tells_of_noise_is_what_it_does() {
-    let told = |start: &str, name: &str| {
+    let reported = |start: &str, name: &str| {
         let report = model(&text(start)).unwrap().report();
         let found = report.findings.iter().find(|finding| finding.name == name).unwrap_or_else(|| panic!("{name}"));
         match &found.value {
@@ -280,7 +283,7 @@ fn what_check_tells_of_noise_is_what_it_does() {
             other => panic!("{other:?}"),
         }
     };
-    let leaky = told("theta_leakage = [0.05, 0.1, 0.05]", "bias of theta_hat by noise");
+    let leaky = reported("theta_leakage = [0.05, 0.1, 0.05]", "bias of theta_hat by noise");
     assert!((leaky[0] * 0.01 - 0.2507).abs() < 1e-4 && (leaky[1] / leaky[0] - 0.5).abs() < 1e-12, "{leaky:?}");
     // In the loop that is 0.26; without leakage the estimates reach 2.1 in 80 s, as in the test above.
     let rate = BANDWIDTH;
@@ -323,8 +326,8 @@ fn the_other_laws_with_funnels_tell_what_bounds_their_estimates() {
 #[test]
 fn a_bound_of_0_freezes_the_estimates_and_a_negative_one_is_refused() {
     let frozen = Loop { theta_bound: 0.0, theta_leakage: 0.0, noise: 0.01 };
-    let (most, _, active, told) = largest(&frozen, 500);
-    assert!(most == 0.0 && active == 0 && told.is_empty(), "{most}, {active}");
+    let (most, _, active, messages) = largest(&frozen, 500);
+    assert!(most == 0.0 && active == 0 && messages.is_empty(), "{most}, {active}");
     refused(&text("theta_bound = [1.0, -1.0, 1.0]"), &["theta_bound[2] = -1"]);
     refused(&text("theta_leakage = [0.0, 0.0, -0.1]"), &["theta_leakage[3] = -0.1"]);
 }

@@ -212,8 +212,8 @@ fn an_error_that_leaves_its_funnel_is_told_and_nothing_has_changed() {
     let before = (run.get("u[2]"), run.get("rho[2]"));
     run.set("x[2]", 0.45);
     let reason = run.failure(0.5).to_string();
-    for told in ["e[2] = 0.4", "rho[2]", "it has left its funnel", "t = "] {
-        assert!(reason.contains(told), "{told}: {reason}");
+    for message in ["e[2] = 0.4", "rho[2]", "it has left its funnel", "t = "] {
+        assert!(reason.contains(message), "{message}: {reason}");
     }
     assert_eq!((run.0.time(), run.get("u[2]"), run.get("rho[2]")), (0.5, before.0, before.1), "as before the step");
     // The state that drives the row.
@@ -279,14 +279,14 @@ fn a_control_at_its_limit_is_told() {
 
 #[test]
 fn a_step_that_the_barriers_do_not_bear_is_told_in_co_simulation() {
-    for (step, told) in [(8e-3, false), (10e-3, true)] {
+    for (step, message) in [(8e-3, false), (10e-3, true)] {
         let unit = Unit::new(NAME);
         unit.start(0.0);
         unit.run(0.0, 3, step);
-        assert_eq!(unit.get_boolean("step_too_long"), told, "{step} s");
+        assert_eq!(unit.get_boolean("step_too_long"), message, "{step} s");
         let texts: Vec<_> =
             unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong").collect();
-        assert_eq!(texts.len(), usize::from(told));
+        assert_eq!(texts.len(), usize::from(message));
         assert!(texts.iter().all(|(.., text)| text.contains("1.11") && text.contains("as a single FMU")), "{texts:?}");
     }
 }

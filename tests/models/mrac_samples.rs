@@ -159,8 +159,8 @@ fn several_samples_in_a_step_are_those_of_held_inputs_and_the_unit_says_so() {
     short.run(0.0, 200, T);
     assert_eq!(left(&long), left(&short));
     let flags = |unit: &Unit| {
-        let told = unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong").count();
-        (unit.get_boolean("step_too_long"), told)
+        let messages = unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong").count();
+        (unit.get_boolean("step_too_long"), messages)
     };
     assert_eq!((flags(&long), flags(&short)), ((true, 1), (false, 0)));
     // Where the step is no multiple, the sample takes the inputs of the step that it lies in.

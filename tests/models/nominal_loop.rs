@@ -37,13 +37,13 @@ fn pid(gains: &str, nominal: &str) -> DesignReport {
 /// y = (1 − e^(−2 t))/2 of a step, with u from 1 to 1/2.
 #[test]
 fn a_loop_without_an_integral_part_is_not_called_good() {
-    let told = pid("K_p = [1.0]\nK_i = [0.0]", "reference = 4.0");
-    assert_eq!(number(&told, "Nominal loop", "at rest"), 50.0);
-    assert_eq!(finding(&told, "Nominal loop", "at rest").verdict, Verdict::Warning);
-    assert!(told.summary.as_ref().unwrap().contains("ends 50 % from the reference"), "{:?}", told.summary);
-    assert_eq!(range(&told, "range of u[1]"), [0.0, 4.0]);
+    let report = pid("K_p = [1.0]\nK_i = [0.0]", "reference = 4.0");
+    assert_eq!(number(&report, "Nominal loop", "at rest"), 50.0);
+    assert_eq!(finding(&report, "Nominal loop", "at rest").verdict, Verdict::Warning);
+    assert!(report.summary.as_ref().unwrap().contains("ends 50 % from the reference"), "{:?}", report.summary);
+    assert_eq!(range(&report, "range of u[1]"), [0.0, 4.0]);
     // ln(0.5/0.02)/2
-    assert!((number(&told, "Nominal loop", "settling time") - 1.609).abs() < 0.05);
+    assert!((number(&report, "Nominal loop", "settling time") - 1.609).abs() < 0.05);
     let nothing = pid("K_p = [0.0]\nK_i = [0.0]", "");
     assert_eq!(number(&nothing, "Nominal loop", "at rest"), 100.0);
     assert_eq!(nothing.verdict(), Verdict::Warning);
@@ -52,36 +52,36 @@ fn a_loop_without_an_integral_part_is_not_called_good() {
 /// With K_p = K_i the zero cancels the pole: y = 1 − e^(−K_p t), and u falls from K_p to 1.
 #[test]
 fn figures_are_those_of_the_closed_form() {
-    let told = pid("K_p = [3.0]\nK_i = [3.0]\nb = [1.0]", "uncertainty = 0.2");
+    let report = pid("K_p = [3.0]\nK_i = [3.0]\nb = [1.0]", "uncertainty = 0.2");
     let expected = [("rise time", 9.0_f64.ln() / 3.0), ("settling time", 50.0_f64.ln() / 3.0), ("overshoot", 0.0)];
     for (name, expected) in expected {
-        let found = number(&told, "Nominal loop", name);
+        let found = number(&report, "Nominal loop", name);
         assert!((found - expected).abs() <= 0.03 * expected + 1e-9, "{name}: {found} for {expected}");
     }
-    assert_eq!(range(&told, "range of u[1]"), [0.0, 3.0]);
-    assert_eq!(number(&told, "Margins", "maximum sensitivity M_s"), 1.0);
-    assert!((number(&told, "Margins", "phase margin") - 90.0).abs() < 0.5);
+    assert_eq!(range(&report, "range of u[1]"), [0.0, 3.0]);
+    assert_eq!(number(&report, "Margins", "maximum sensitivity M_s"), 1.0);
+    assert!((number(&report, "Margins", "phase margin") - 90.0).abs() < 0.5);
     // π/2 at 3 rad/s.
-    assert!((number(&told, "Margins", "delay margin") - std::f64::consts::FRAC_PI_6).abs() < 0.01);
-    assert!((number(&told, "Margins", "bandwidth") - 3.0).abs() < 0.2);
-    assert!(number(&told, "Uncertain plants", "settling time") > 50.0_f64.ln() / 3.0);
-    assert!(told.summary.as_ref().unwrap().contains("worst of"), "{:?}", told.summary);
+    assert!((number(&report, "Margins", "delay margin") - std::f64::consts::FRAC_PI_6).abs() < 0.01);
+    assert!((number(&report, "Margins", "bandwidth") - 3.0).abs() < 0.2);
+    assert!(number(&report, "Uncertain plants", "settling time") > 50.0_f64.ln() / 3.0);
+    assert!(report.summary.as_ref().unwrap().contains("worst of"), "{:?}", report.summary);
 }
 
 #[test]
 fn a_loop_that_is_not_stable_is_not_sound() {
-    let told = pid("K_p = [3.0]\nK_i = [1.0]\nS = [[-1.0]]", "uncertainty = 0.2");
-    assert_eq!((told.verdict(), told.summary.as_deref()), (Verdict::NotSound, Some("the loop isn't stable")));
+    let report = pid("K_p = [3.0]\nK_i = [1.0]\nS = [[-1.0]]", "uncertainty = 0.2");
+    assert_eq!((report.verdict(), report.summary.as_deref()), (Verdict::NotSound, Some("the loop isn't stable")));
 }
 
 /// Rounding puts no control at the limit it moves away from. A message names the step that fits within limits.
 #[test]
 fn limits_on_one_side_are_limits() {
     let gains = "K_p = [3.0]\nK_i = [3.0]\nu_min = [0.0]";
-    let told = pid(&format!("{gains}\nu_max = [3.5]"), "");
-    assert_eq!(finding(&told, "Nominal loop", "range of u[1]").verdict, Verdict::Ok);
-    let told = pid(&format!("{gains}\nu_max = [1.5]"), "");
-    let beyond = finding(&told, "Nominal loop", "range of u[1]");
+    let report = pid(&format!("{gains}\nu_max = [3.5]"), "");
+    assert_eq!(finding(&report, "Nominal loop", "range of u[1]").verdict, Verdict::Ok);
+    let report = pid(&format!("{gains}\nu_max = [1.5]"), "");
+    let beyond = finding(&report, "Nominal loop", "range of u[1]");
     assert!(
         beyond.verdict == Verdict::Warning && beyond.note.contains("A step of 0.497 stays within"),
         "{}",
@@ -92,11 +92,11 @@ fn limits_on_one_side_are_limits() {
 /// Two channels that don't act on each other, whose references are of different sizes.
 #[test]
 fn each_control_is_that_of_its_reference() {
-    let told = report(
+    let found = report(
         "model = 'pid'\n[structure]\nchannels = 2\n[start]\nK_p = [1.0, 1.0]\nK_i = [1.0, 1.0]\n[nominal]\nA = [[-1.0, 0.0], \
          [0.0, -1.0]]\nB = [[1.0, 0.0], [0.0, 1.0]]\nC = [[1.0, 0.0], [0.0, 1.0]]\nreference = [1.0, 100.0]\n",
     );
-    let [one, other] = ["range of u[1]", "range of u[2]"].map(|name| range(&told, name)[1]);
+    let [one, other] = ["range of u[1]", "range of u[2]"].map(|name| range(&found, name)[1]);
     assert!((one - 1.0).abs() < 1e-9 && (other - 100.0).abs() < 1e-6, "{one}, {other}");
 }
 
@@ -109,11 +109,11 @@ fn a_structure_with_another_plant_is_said() {
              [-3.0]\npole_imag = [0.0]\nfeedback_gain = [[6.0]]\n[nominal]\nA = [[-1.0]]\nB = [[1.0]]\nC = [[1.0]]\n"
         ))
     };
-    let differs = |told: &DesignReport| told.findings.iter().any(|finding| finding.name == "plant");
+    let differs = |found: &DesignReport| found.findings.iter().any(|finding| finding.name == "plant");
     assert!(!differs(&law("[[-1.0]]")));
-    let told = law("[[-2.0]]");
-    let note = &finding(&told, "Nominal loop", "plant").note;
-    assert!(told.verdict() == Verdict::Warning && note.contains("[nominal]"), "{note}");
+    let found = law("[[-2.0]]");
+    let note = &finding(&found, "Nominal loop", "plant").note;
+    assert!(found.verdict() == Verdict::Warning && note.contains("[nominal]"), "{note}");
 }
 
 /// Numbers of any size end in a report, and in no panic.
@@ -141,8 +141,8 @@ fn any_numbers_of_a_nominal_plant_are_reported_on() {
             "model = 'l1'\n[structure]\nA = [[0.0, 1.0], [-2.0, -3.0]]\nB = [[0.0], [1.0]]\nC = [[1.0, 0.0]]\nregressor = \
              'state'\ninput_gain = 'diagonal'\n[start]\nfeedback_gain = [[6.0]]\nomega_min = [0.8]\nomega_max = [1.2]\n",
         ] {
-            let told = report(&format!("{law}{nominal}"));
-            assert!(!told.findings.is_empty());
+            let found = report(&format!("{law}{nominal}"));
+            assert!(!found.findings.is_empty());
         }
     }
 }

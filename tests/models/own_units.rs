@@ -195,8 +195,8 @@ fn a_plant_that_is_none_is_refused_with_what_is_wrong() {
         (r#"{"A": -1, "B": 1, "C": 1, "u_max": 3}"#, "together"),
         (r#"{"A": -1e999, "B": 1, "C": 1}"#, "not valid JSON"),
     ] {
-        let told = Plant::parse(json).unwrap_err().to_string();
-        assert!(told.contains(named) && !told.contains('\n') && told.len() < 300, "{json}: {told}");
+        let error = Plant::parse(json).unwrap_err().to_string();
+        assert!(error.contains(named) && !error.contains('\n') && error.len() < 300, "{json}: {error}");
     }
     let row = format!("[{}]", vec!["0"; 51].join(","));
     let large = format!(r#"{{"A": [{}], "B": 1, "C": 1}}"#, vec![row; 51].join(","));
@@ -223,8 +223,8 @@ fn what_no_controller_can_be_made_for_is_refused_before_anything_is_written() {
         ("neuro-ppf", MOTOR, "state 2 isn't the rate of state 1"),
         ("l1-ppf", MOTOR, "the rate of state 1 is no state"),
     ] {
-        let told = begun_for(kind, json).unwrap_err();
-        assert!(told.contains(named), "{kind} for {json}: {told}");
+        let error = begun_for(kind, json).unwrap_err();
+        assert!(error.contains(named), "{kind} for {json}: {error}");
     }
     for (kind, states, inputs, named) in [
         ("l1", Some(1), Some(2), "inputs = 2"),
@@ -236,7 +236,7 @@ fn what_no_controller_can_be_made_for_is_refused_before_anything_is_written() {
         ("sensor", Some(2), None, "--outputs"),
         ("actuator", Some(2), None, "--inputs"),
     ] {
-        let told = begin(&request(kind, states, inputs)).unwrap_err().to_string();
-        assert!(told.contains(named), "{kind}: {told}");
+        let error = begin(&request(kind, states, inputs)).unwrap_err().to_string();
+        assert!(error.contains(named), "{kind}: {error}");
     }
 }

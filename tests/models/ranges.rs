@@ -28,10 +28,10 @@ fn every_start_lies_in_its_range_and_what_is_no_limit_ends_one() {
         let name = &model.description().name;
         for element in model.variables().visible().filter(|element| element.variable.is_real()) {
             let ((min, max), start) = (limits(element), element.start());
-            let told = || format!("{name}: {} = {start}, range {min:?} … {max:?}", element.name());
-            assert!(min.is_none_or(|min| start >= min) && max.is_none_or(|max| start <= max), "{}", told());
+            let message = || format!("{name}: {} = {start}, range {min:?} … {max:?}", element.name());
+            assert!(min.is_none_or(|min| start >= min) && max.is_none_or(|max| start <= max), "{}", message());
             let is_huge = start.abs() >= NO_LIMIT && element.variable.causality != Causality::Hidden;
-            assert!(!is_huge || min.is_some() && max.is_some(), "{}", told());
+            assert!(!is_huge || min.is_some() && max.is_some(), "{}", message());
         }
     }
 }

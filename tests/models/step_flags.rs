@@ -36,17 +36,17 @@ fn flagged(controller: &Unit, nonaffine: bool, step: f64, steps: usize) -> (bool
         hand_over(controller, "u", &plant, "u");
         ever |= controller.get_boolean("step_too_long");
     }
-    let told = controller.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong");
-    (ever, told.map(|(.., text)| text).collect())
+    let messages = controller.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong");
+    (ever, messages.map(|(.., text)| text).collect())
 }
 
 #[test]
 fn a_loop_whose_control_is_off_by_a_quarter_is_flagged_and_one_that_is_right_is_not() {
     // Deviations from the loops as a single FMU: largest control 23 % and 1 %.
-    let (ever, told) = flagged(&Unit::new("L1CoupledMimo"), true, 1e-3, 100);
+    let (ever, messages) = flagged(&Unit::new("L1CoupledMimo"), true, 1e-3, 100);
     assert!(
-        ever && told.len() == 1 && told[0].contains("1.000e-3 s") && told[0].contains("largest magnitude"),
-        "{told:?}"
+        ever && messages.len() == 1 && messages[0].contains("1.000e-3 s") && messages[0].contains("largest magnitude"),
+        "{messages:?}"
     );
     assert_eq!(flagged(&Unit::new("L1CoupledMimo"), false, 5e-4, 1000), (false, vec![]));
 }
@@ -54,8 +54,8 @@ fn a_loop_whose_control_is_off_by_a_quarter_is_flagged_and_one_that_is_right_is_
 #[test]
 fn the_neuro_adaptive_law_tells_of_its_step() {
     let at_the_plant = "x_m0 = [0.6, -0.8, 0.4]";
-    let (ever, told) = flagged(&unit("NeuroPpfCoupledMimo", at_the_plant), true, 1e-4, 200);
-    assert!(ever && told.len() == 1 && told[0].contains("as a single FMU"), "{told:?}");
+    let (ever, messages) = flagged(&unit("NeuroPpfCoupledMimo", at_the_plant), true, 1e-4, 200);
+    assert!(ever && messages.len() == 1 && messages[0].contains("as a single FMU"), "{messages:?}");
     assert_eq!(flagged(&Unit::new("NeuroPpfCoupledMimo"), false, 1e-4, 500), (false, vec![]));
 }
 
@@ -79,8 +79,8 @@ fn shown(controls: impl IntoIterator<Item = f64>) -> (Vec<usize>, Vec<String>) {
         assert!((unit.get("u[1]") - u).abs() < 1e-12);
         flagged.extend(unit.get_boolean("step_too_long").then_some(k));
     }
-    let told = unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong");
-    (flagged, told.map(|(.., text)| text).collect())
+    let messages = unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong");
+    (flagged, messages.map(|(.., text)| text).collect())
 }
 
 #[test]
@@ -90,9 +90,9 @@ fn a_control_is_judged_once_it_has_its_size() {
     let growth = (0..200).map(|k| (0.02 * f64::from(k)).min(1.0));
     assert_eq!(shown(peak.chain(growth)), (vec![], vec![]));
     // A start counts, but for its first move, as soon as the control has stood at its size for twenty steps.
-    let (flagged, told) = shown((0..100).map(|k| 0.8_f64.powi(k)));
+    let (flagged, messages) = shown((0..100).map(|k| 0.8_f64.powi(k)));
     assert_eq!(flagged, (20..100).collect::<Vec<_>>());
-    assert!(told.len() == 1 && told[0].contains("by 0.20 of its largest magnitude"), "{told:?}");
+    assert!(messages.len() == 1 && messages[0].contains("by 0.20 of its largest magnitude"), "{messages:?}");
     // A control that took long to grow waits as long, and not for more than a thousand steps.
     for (rise, wait) in [(100, 101), (3000, 1000)] {
         let (flagged, _) =
@@ -104,6 +104,6 @@ fn a_control_is_judged_once_it_has_its_size() {
 #[test]
 fn the_step_that_a_warning_names_is_rounded_down() {
     // 0.65 of the limit of 0.13 over a move of 0.188: 4.49e-4 s.
-    let (_, told) = shown((0..100).map(|k| 0.812_f64.powi(k)));
-    assert!(told.len() == 1 && told[0].contains("Try 4.4e-4 s or less"), "{told:?}");
+    let (_, messages) = shown((0..100).map(|k| 0.812_f64.powi(k)));
+    assert!(messages.len() == 1 && messages[0].contains("Try 4.4e-4 s or less"), "{messages:?}");
 }

@@ -235,15 +235,16 @@ fn a_step_into_a_singular_inertia_matrix_is_an_error_that_tells_when() {
     let before = unit.values();
     assert_eq!(unit.step(steps * step, step), ERROR, "at t = {singular} s no motion follows");
     let message = unit.last_message();
-    assert_tells_of(&message, "", singular);
+    assert_mentions_determinant(&message, "", singular);
     assert_eq!(unit.values(), before, "as before the step");
 }
 
 /// Asserts that a message names the negative determinant, the allowed values, and this time.
-fn assert_tells_of(message: &str, part: &str, time: f64) {
+fn assert_mentions_determinant(message: &str, part: &str, time: f64) {
     assert!(message.contains(&format!(": {part}det_M = -")) && message.contains("must be above 0"), "{message}");
-    let told = message.rsplit("t = ").next().and_then(|rest| rest.split(' ').next()).unwrap().parse::<f64>().unwrap();
-    assert!((told - time).abs() < 1e-6, "{message} tells of t = {time} s");
+    let reported =
+        message.rsplit("t = ").next().and_then(|rest| rest.split(' ').next()).unwrap().parse::<f64>().unwrap();
+    assert!((reported - time).abs() < 1e-6, "{message} tells of t = {time} s");
 }
 
 /// The same arm as the only part of a composite.
@@ -263,12 +264,12 @@ fn in_a_composite_the_part_is_named_too() {
     let steps = (singular / 0.1).floor();
     unit.run(0.0, steps as usize, 0.1);
     assert_eq!(unit.step(steps * 0.1, 0.1), ERROR);
-    assert_tells_of(&unit.last_message(), "arm.", singular);
+    assert_mentions_determinant(&unit.last_message(), "arm.", singular);
     let solved = varying_part(MODEL_EXCHANGE);
     solved.begin();
     assert_eq!(solved.set_time(56.0), OK);
     assert_eq!(solved.try_derivatives(&mut [0.0; 4]), DISCARD);
-    assert_tells_of(&solved.last_message(), "arm.", 56.0);
+    assert_mentions_determinant(&solved.last_message(), "arm.", 56.0);
 }
 
 #[test]
@@ -276,11 +277,11 @@ fn a_start_from_a_singular_inertia_matrix_is_refused() {
     let unit = varying(MODEL_EXCHANGE);
     unit.enter(56.0);
     assert_eq!(unit.exit(), ERROR);
-    assert_tells_of(&unit.last_message(), "", 56.0);
+    assert_mentions_determinant(&unit.last_message(), "", 56.0);
     let unit = varying(CO_SIMULATION);
     unit.start(56.0);
     assert_eq!(unit.step(56.0, 0.1), ERROR);
-    assert_tells_of(&unit.last_message(), "", 56.0);
+    assert_mentions_determinant(&unit.last_message(), "", 56.0);
 }
 
 #[test]
@@ -291,11 +292,11 @@ fn a_solver_gets_no_derivatives_of_a_singular_inertia_matrix() {
     assert_eq!(unit.try_derivatives(&mut [0.0; 4]), DISCARD, "it may come back with a smaller step");
     let message = unit.last_message();
     assert!(message.contains("der(x[3])"), "the rate that is no number is named: {message}");
-    assert_tells_of(&message, "", 56.0);
+    assert_mentions_determinant(&message, "", 56.0);
     assert!(unit.get("det_M") < 0.0);
     let status = unsafe { fmi2CompletedIntegratorStep(unit.component, 1, &mut 0, &mut 0) };
     assert_eq!(status, ERROR, "a step that ends there");
-    assert_tells_of(&unit.last_message(), "", 56.0);
+    assert_mentions_determinant(&unit.last_message(), "", 56.0);
 }
 
 #[test]

@@ -44,10 +44,10 @@ fn an_error_that_leaves_the_funnel_is_told_when_it_does_and_counted() {
     unit.messages();
     unit.run(0.81, 1, 1e-3);
     assert_eq!((unit.get_boolean("funnel_left"), unit.get_integer("funnel_exits")), (true, 1));
-    let told = |unit: &Unit| {
+    let warnings = |unit: &Unit| {
         unit.messages().into_iter().filter(|(_, category, _)| category == "logFunnel").collect::<Vec<_>>()
     };
-    let messages = told(&unit);
+    let messages = warnings(&unit);
     assert_eq!(messages.len(), 1);
     let text = &messages[0].2;
     assert!(["e[1] = 0.5", "rho[1] = 0.5", "t = 0.8109"].iter().all(|word| text.contains(word)), "{text}");
@@ -58,7 +58,7 @@ fn an_error_that_leaves_the_funnel_is_told_when_it_does_and_counted() {
     unit.put("r[1]", -0.7);
     unit.run(0.812, 1, 1e-3);
     assert_eq!((unit.get_boolean("funnel_left"), unit.get_integer("funnel_exits")), (true, 2));
-    assert_eq!(told(&unit), [], "told once");
+    assert_eq!(warnings(&unit), [], "told once");
 }
 
 #[test]

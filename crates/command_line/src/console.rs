@@ -42,19 +42,19 @@ static SERVES: AtomicBool = AtomicBool::new(false);
 const RECORD_SEPARATOR: u8 = 0x1e;
 
 /// Prints a line on standard output.
-macro_rules! say {
+macro_rules! print_line {
     () => { $crate::console::line(format_args!("")) };
     ($($text:tt)*) => { $crate::console::line(format_args!($($text)*)) };
 }
 
 /// Prints a line on the error stream.
-macro_rules! tell {
+macro_rules! error_line {
     ($($text:tt)*) => { $crate::console::error_line(format_args!($($text)*)) };
 }
 
 /// Prints a line on standard output that is no result, unless `--quiet` is given: places of files, warnings of a run.
 macro_rules! aside {
-    ($($text:tt)*) => { if $crate::console::tells($crate::console::Detail::Usual) { say!($($text)*) } };
+    ($($text:tt)*) => { if $crate::console::shows($crate::console::Detail::Usual) { print_line!($($text)*) } };
 }
 
 /// Prints a line on the error stream that is neither result nor error: a note of what a user should know.
@@ -73,13 +73,13 @@ pub fn set_detail(detail: Detail) {
 }
 
 /// True if this level of detail is printed.
-pub fn tells(detail: Detail) -> bool {
+pub fn shows(detail: Detail) -> bool {
     detail as u8 <= DETAIL.load(Ordering::Relaxed)
 }
 
 /// True if a person sees standard output as it is printed, and wants more than results there: else no sketch is drawn.
 pub fn is_seen() -> bool {
-    tells(Detail::Usual) && !serves() && io::stdout().is_terminal()
+    shows(Detail::Usual) && !serves() && io::stdout().is_terminal()
 }
 
 /// Sends everything printed to the program that is served from now on.
@@ -127,7 +127,7 @@ pub fn line(text: Arguments) {
 /// nowhere to report it.
 pub fn error_line(text: Arguments) {
     let text = text.to_string();
-    if text.starts_with(WARNING) && !tells(Detail::Usual) {
+    if text.starts_with(WARNING) && !shows(Detail::Usual) {
         return;
     }
     if serves() {
@@ -144,7 +144,7 @@ pub fn error_line(text: Arguments) {
 
 /// Prints a note on the error stream, if this level of detail is printed; see [`remark`] and [`detail`].
 pub fn note_line(detail: Detail, text: Arguments) {
-    if tells(detail) {
+    if shows(detail) {
         error_line(text);
     }
 }

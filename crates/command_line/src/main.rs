@@ -104,12 +104,12 @@ fn main() -> ExitCode {
     let code = match parsed(std::env::args_os()) {
         Ok(arguments) => run(arguments),
         // Also help and the version, which were asked for.
-        Err(told) => {
-            let printed = told.print();
-            if !told.use_stderr() {
+        Err(error) => {
+            let printed = error.print();
+            if !error.use_stderr() {
                 console::note(printed);
             }
-            u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+            u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
         }
     };
     exporter::tidy();
@@ -138,9 +138,9 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
 fn answer(words: &[String]) -> ExitCode {
     match parsed(words) {
         Ok(arguments) => run(arguments),
-        Err(told) => {
-            tell!("{}", told.to_string().trim_end());
-            u8::try_from(told.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
+        Err(error) => {
+            error_line!("{}", error.to_string().trim_end());
+            u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
         }
     }
 }
@@ -154,7 +154,7 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
             // Names and values of a file may hold anything, of any length.
             let text = one_line(&error.to_string());
             let shown = text.char_indices().nth(LONGEST_MESSAGE).map_or(&*text, |(end, _)| &text[..end]);
-            tell!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
+            error_line!("error: {shown}{}", if shown.len() < text.len() { "…" } else { "" });
             // Callers from other languages have exceptions for wrong arguments.
             let is_argument = matches!(error, Error::Argument(_) | Error::Unknown { .. });
             if is_argument && console::serves() {
@@ -164,7 +164,7 @@ fn run(Arguments { command, global }: Arguments) -> ExitCode {
             }
         }
     };
-    cache::trouble().iter().for_each(|line| tell!("warning: {line}"));
+    cache::trouble().iter().for_each(|line| error_line!("warning: {line}"));
     code
 }
 
@@ -213,7 +213,7 @@ fn serve_unit() -> Result<ExitCode, Error> {
 
 #[cfg(not(unix))]
 fn serve_unit() -> Result<ExitCode, Error> {
-    tell!("on this platform FMUs of other tools run in the process of the loop");
+    error_line!("on this platform FMUs of other tools run in the process of the loop");
     Ok(ExitCode::FAILURE)
 }
 

@@ -309,7 +309,7 @@ impl Model {
             let mut log = MessageLog::new();
             let point = block.point(self, &mut log);
             self.kind.report(self.system.as_ref(), &point.values(), &mut report);
-            report.reworded(|text| self.variables.told(text));
+            report.reworded(|text| self.variables.named(text));
         }
         report
     }

@@ -53,8 +53,8 @@ pub fn reworded(message: &str) -> Cow<'_, str> {
         let known: Vec<_> = rest.split('`').skip(1).step_by(2).collect();
         Some(format!("there is no {what} `{name}`; {}", choice(name, &known, "")))
     };
-    let told = of("unknown field `", "key").or_else(|| of("unknown variant `", "item"));
-    told.map_or(Cow::Borrowed(message), Cow::Owned)
+    let better = of("unknown field `", "key").or_else(|| of("unknown variant `", "item"));
+    better.map_or(Cow::Borrowed(message), Cow::Owned)
 }
 
 /// The near names with how far they are, the nearest first, and the others, in their order.
@@ -157,9 +157,9 @@ fn index_range<N: AsRef<str>>(name: &str, known: &[N]) -> Option<String> {
     if count != Some(all.len() as u64) {
         return None;
     }
-    let told: Vec<_> = ranges.iter().map(|(least, most)| format!("{least} … {most}")).collect();
-    let what = if told.len() == 1 { "its index must be" } else { "its indices must be" };
-    Some(format!("{what} within {} in `{array}`", told.join(" and ")))
+    let listed: Vec<_> = ranges.iter().map(|(least, most)| format!("{least} … {most}")).collect();
+    let what = if listed.len() == 1 { "its index must be" } else { "its indices must be" };
+    Some(format!("{what} within {} in `{array}`", listed.join(" and ")))
 }
 
 /// A fault of a text in TOML: its line, the beginning of it, and the reason.
@@ -176,8 +176,8 @@ mod tests {
     #[test]
     fn what_a_user_may_have_meant_stands_first() {
         let known = ["3.2.1-square", "3.2.1-cosine", "4-case1"];
-        let told = choice("3.2.1-cosin", &known, "");
-        assert_eq!(told, "did you mean `3.2.1-cosine`? There are: 3.2.1-square, 3.2.1-cosine, 4-case1");
+        let message = choice("3.2.1-cosin", &known, "");
+        assert_eq!(message, "did you mean `3.2.1-cosine`? There are: 3.2.1-square, 3.2.1-cosine, 4-case1");
         assert_eq!(choice("nothing", &known, ""), "there are: 3.2.1-square, 3.2.1-cosine, 4-case1");
         assert_eq!(choice("x", &[] as &[&str], ""), "there are none");
         assert_eq!(choice("max w", &["max |u|", "rms e, t >= 5 s"], ""), "there are: max |u|, `rms e, t >= 5 s`");
@@ -202,9 +202,9 @@ mod tests {
     #[test]
     fn a_long_list_is_shortened_to_the_nearest_and_tells_where_all_are() {
         let known: Vec<String> = (1..=30).map(|k| format!("signal_{k}")).chain(["omega".to_owned()]).collect();
-        let told = choice("omgea", &known, "`adaptive-fmu list`");
-        assert!(told.starts_with("did you mean `omega`? There are: omega, signal_1, "), "{told}");
-        assert!(told.ends_with(", signal_7, and 23 more: `adaptive-fmu list` shows all"), "{told}");
+        let message = choice("omgea", &known, "`adaptive-fmu list`");
+        assert!(message.starts_with("did you mean `omega`? There are: omega, signal_1, "), "{message}");
+        assert!(message.ends_with(", signal_7, and 23 more: `adaptive-fmu list` shows all"), "{message}");
     }
 
     #[test]
@@ -218,8 +218,8 @@ mod tests {
 
     #[test]
     fn keys_that_serde_does_not_know_are_told_the_same_way() {
-        let told = reworded("unknown field `strat`, expected one of `name`, `start`, `names`");
-        assert_eq!(told, "there is no key `strat`; did you mean `start`? There are: name, start, names");
+        let message = reworded("unknown field `strat`, expected one of `name`, `start`, `names`");
+        assert_eq!(message, "there is no key `strat`; did you mean `start`? There are: name, start, names");
         assert_eq!(reworded("unknown field `a`, there are no fields"), "there is no key `a`; there are none");
         assert_eq!(reworded("missing field `model`"), "missing field `model`");
     }

@@ -251,12 +251,12 @@ impl DesignReport {
     /// Reason why the design isn't sound and remedies, from its findings; none if it is sound.
     pub fn reason(&self) -> Option<String> {
         let bad = self.findings.iter().filter(|finding| finding.verdict == Verdict::NotSound);
-        let told = bad.map(|Finding { name, value, unit, note, .. }| {
+        let lines = bad.map(|Finding { name, value, unit, note, .. }| {
             let value = format!("{} {unit}", value.lines().first().map_or("", String::as_str));
             format!("{name} = {}: {}", value.trim_end(), note.trim_end_matches('.'))
         });
-        let told = told.collect::<Vec<_>>().join("; ");
-        (!told.is_empty()).then_some(told)
+        let lines = lines.collect::<Vec<_>>().join("; ");
+        (!lines.is_empty()).then_some(lines)
     }
 
     /// Sets the title of the section of the next findings.
@@ -265,10 +265,10 @@ impl DesignReport {
     }
 
     /// Calls for the findings of a part.
-    pub(crate) fn of_part(&mut self, name: &str, tell: impl FnOnce(&mut DesignReport)) {
+    pub(crate) fn of_part(&mut self, name: &str, fill: impl FnOnce(&mut DesignReport)) {
         let nominal = self.nominal.take();
         self.part = Some(name.to_owned());
-        tell(self);
+        fill(self);
         (self.part, self.nominal) = (None, nominal);
     }
 
@@ -294,13 +294,13 @@ impl DesignReport {
     }
 
     /// A finding that nothing speaks against.
-    pub fn tell(&mut self, name: &str, value: impl Into<Value>, unit: &str, note: &str) {
+    pub fn add(&mut self, name: &str, value: impl Into<Value>, unit: &str, note: &str) {
         self.judge(name, value, unit, Verdict::Ok, note);
     }
 
     /// A limit that nothing is beyond, which is as good as can be.
-    pub fn tell_unlimited(&mut self, name: &str, unit: &str, note: &str) {
-        self.tell(name, "unlimited", unit, note);
+    pub fn add_unlimited(&mut self, name: &str, unit: &str, note: &str) {
+        self.add(name, "unlimited", unit, note);
     }
 
     /// Adds a finding with its verdict and, as its note, a remedy. A number that isn't finite is never ok: it shows
@@ -337,7 +337,7 @@ impl DesignReport {
                 let note = "every eigenvalue needs a negative real part";
                 self.judge(name, Value::Eigenvalues(found), "", Verdict::NotSound, note);
             }
-            Ok(found) => self.tell(name, Value::Eigenvalues(found), "", ""),
+            Ok(found) => self.add(name, Value::Eigenvalues(found), "", ""),
         }
     }
 }
@@ -365,7 +365,7 @@ mod tests {
     fn the_worst_finding_decides() {
         let mut report = DesignReport::new(1e-3);
         assert!(report.is_sound() && report.verdict() == Verdict::Ok);
-        report.tell("a", 1.0, "s", "");
+        report.add("a", 1.0, "s", "");
         report.judge("b", 2.0, "", Verdict::Warning, "a disadvantage");
         assert!(report.is_sound() && report.verdict() == Verdict::Warning && report.reason().is_none());
         report.judge("c", f64::INFINITY, "", Verdict::NotSound, "what helps");
@@ -378,10 +378,10 @@ mod tests {
         let mut report = DesignReport::new(1e-3);
         report.section("numbers");
         report.judge("infinite", f64::INFINITY, "", Verdict::NotSound, "");
-        report.tell_unlimited("delay margin", "s", "");
-        report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, 1e300]), "1/s", "");
-        report.tell("between", Value::Between { lower: 1.0, upper: 2.0 }, "", "");
-        report.tell("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, f64::NAN]), "1/s", "");
+        report.add_unlimited("delay margin", "s", "");
+        report.add("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, 1e300]), "1/s", "");
+        report.add("between", Value::Between { lower: 1.0, upper: 2.0 }, "", "");
+        report.add("matrix", &DMatrix::from_row_slice(1, 2, &[0.1, f64::NAN]), "1/s", "");
         report.eigenvalues("A", &DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, -2.0]), false);
         report.eigenvalues("A", &DMatrix::from_element(1, 1, f64::NAN), true);
         let back: DesignReport = serde_json::from_str(&serde_json::to_string(&report).unwrap()).unwrap();
@@ -402,13 +402,13 @@ mod tests {
         ];
         for value in all {
             let mut report = DesignReport::new(1e-3);
-            report.tell("norm", value.clone(), "", "from here to there");
+            report.add("norm", value.clone(), "", "from here to there");
             let [Finding { verdict, note, .. }] = &report.findings[..] else { panic!("one finding") };
             assert!(*verdict == Verdict::NotSound && note.ends_with("from here to there"), "{value:?}: {note}");
         }
         let mut report = DesignReport::new(1e-3);
-        report.tell_unlimited("delay margin", "s", "");
-        report.tell("words", "symmetric", "", "");
+        report.add_unlimited("delay margin", "s", "");
+        report.add("words", "symmetric", "", "");
         assert_eq!(report.verdict(), Verdict::Ok);
     }
 

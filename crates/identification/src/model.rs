@@ -157,7 +157,10 @@ mod tests {
     #[test]
     fn unknown_keys_are_refused_with_the_known_ones() {
         let text = serde_json::to_string(&model()).unwrap().replace("covariance", "covarianc");
-        let told = serde_json::from_str::<Model>(&text).unwrap_err().to_string();
-        assert!(told.starts_with("unknown field `covarianc`, expected one of `A`, `B`, `C`, `D`, `states`"), "{told}");
+        let error = serde_json::from_str::<Model>(&text).unwrap_err().to_string();
+        assert!(
+            error.starts_with("unknown field `covarianc`, expected one of `A`, `B`, `C`, `D`, `states`"),
+            "{error}"
+        );
     }
 }

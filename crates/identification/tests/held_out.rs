@@ -31,8 +31,8 @@ fn levels(seed: u64) -> Vec<f64> {
 #[test]
 fn the_order_is_by_bic_where_the_held_out_part_shows_nothing() {
     let is_by_bic = |found: &Identified, why: &str| {
-        let told = text(found, Kind::Order);
-        assert!(told.starts_with(&format!("{why}: order 2 is by BIC, of which less is better (1: ")), "{told}");
+        let message = text(found, Kind::Order);
+        assert!(message.starts_with(&format!("{why}: order 2 is by BIC, of which less is better (1: ")), "{message}");
         assert_eq!(found.model.A.len(), 2);
     };
     // At rest from before the held-out part on.
@@ -67,8 +67,8 @@ fn a_model_that_explains_nothing_is_not_sound() {
             let found = identify_with(record.clone(), &Options { structure, hold_out, ..Options::default() });
             let Ok(found) = found else { continue };
             assert!(!found.is_sound(), "{:?} {:?}", found.findings, found.model.fit);
-            let told = text(&found, Kind::HeldOutFit);
-            assert!(told.contains(": the model explains ") && told.ends_with(" % of its motion"), "{told}");
+            let message = text(&found, Kind::HeldOutFit);
+            assert!(message.contains(": the model explains ") && message.ends_with(" % of its motion"), "{message}");
             assert_eq!(text(&found, Kind::HeldOutStill), "");
         }
     }
@@ -84,16 +84,16 @@ fn a_model_that_explains_nothing_is_not_sound() {
 
 #[test]
 fn what_is_not_checked_is_said() {
-    let told = |record: Record, options: &Options| {
+    let refused = |record: Record, options: &Options| {
         let found = good(identify_with(record, options));
         assert_eq!(kinds(&found), [Kind::NothingHeldOut], "{:?}", found.findings);
         text(&found, Kind::NothingHeldOut).to_owned()
     };
     let expected = "nothing is held out: fewer than 4 consecutive rows of equal steps have all values there, so the model isn't checked";
-    assert_eq!(told(columns(65).record(), &Options { hold_out: 0.003, ..Options::default() }), expected);
+    assert_eq!(refused(columns(65).record(), &Options { hold_out: 0.003, ..Options::default() }), expected);
     let mut without = columns(65).record();
     without.columns[0].values[560..].fill(f64::NAN);
-    assert_eq!(told(without, &Options::default()), expected);
+    assert_eq!(refused(without, &Options::default()), expected);
     let short = Options { hold_out: 0.02, ..Options::default() };
     let found = good(of_output(&[columns(65).record()], None, &short));
     assert!(
@@ -118,7 +118,7 @@ fn a_state_without_values_in_the_held_out_part_has_no_fit() {
 #[test]
 fn options_without_meaning_for_outputs_are_refused() {
     let record = [columns(67).record()];
-    for (options, told) in [
+    for (options, message) in [
         (
             Options { offsets: false, ..Options::default() },
             "a constant of each output in each record: it can't be left out",
@@ -130,7 +130,7 @@ fn options_without_meaning_for_outputs_are_refused() {
         (Options { order: Some(11), ..Options::default() }, "order 11: must be within 1 … 10 for this record"),
     ] {
         let (cause, text) = refusal(of_output(&record, None, &options));
-        assert!(cause == Cause::Request && text.ends_with(told), "{text}");
+        assert!(cause == Cause::Request && text.ends_with(message), "{text}");
     }
 }
 
@@ -141,9 +141,9 @@ fn short_records_of_outputs_are_refused_with_the_rows_that_are_needed() {
         columns.time.truncate(rows);
         of_output(&[columns.record()], None, &Options { order, hold_out: 0.0, ..Options::default() })
     };
-    let (cause, told) = refusal(short(30, None));
+    let (cause, error) = refusal(short(30, None));
     assert_eq!(cause, Cause::TooShort);
-    assert_eq!(told, "30 rows with equal steps: one state needs at least 40");
+    assert_eq!(error, "30 rows with equal steps: one state needs at least 40");
     assert_eq!(refusal(short(50, Some(2))).1, "order 2: must be within 1 … 1 for this record; it needs 60 rows");
     assert_eq!(good(short(60, Some(2))).model.A.len(), 2);
     // Where one order is all that there is, it isn't a given one.

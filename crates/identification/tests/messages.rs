@@ -126,9 +126,9 @@ fn an_input_that_never_moves_is_refused_or_left_out() {
     let u = vec![random.levels(ROWS, 40), vec![12.0; ROWS]];
     let plant = Plant::new(2, 2, &[-1.0, 0.3, 0.4, -0.7], &[1.0, 0.0, 0.1, 0.01], &[0.1, 0.2]);
     let record = columns_of(&plant, 7, u).record();
-    let (cause, told) = refusal(identify(record.clone()));
+    let (cause, error) = refusal(identify(record.clone()));
     assert_eq!(cause, Cause::StillInput);
-    assert!(told.starts_with("u2 never moves (12 … 12): its effect can't be seen."), "{told}");
+    assert!(error.starts_with("u2 never moves (12 … 12): its effect can't be seen."), "{error}");
     let found = good(identify_with(record, &Options { fixed: vec!["u2".to_owned()], ..Options::default() }));
     assert_eq!(kinds(&found), [Kind::FixedInput]);
     assert_eq!(found.model.inputs, ["u1"]);
@@ -155,9 +155,9 @@ fn a_structure_in_which_nothing_is_free_is_refused() {
         ..Structure::default()
     };
     let options = |corner| Options { structure: known(corner), offsets: false, ..Options::default() };
-    let (cause, told) = refusal(identify_with(columns(26).record(), &options(Entry::Known(0.0))));
+    let (cause, error) = refusal(identify_with(columns(26).record(), &options(Entry::Known(0.0))));
     let expected = "nothing is left to estimate: make an entry \"?\"";
-    assert_eq!((cause, told.as_str()), (Cause::Request, expected));
+    assert_eq!((cause, error.as_str()), (Cause::Request, expected));
     // The only unknown ends at the bound of its sign.
     let plant = Plant::new(2, 1, &[-0.2, 1.0, -4.0, -1.0], &[0.0, 4.0], &[0.0, 0.0]);
     let record = columns_of(&plant, 26, vec![Random(26).levels(ROWS, 40)]).record();
@@ -170,9 +170,9 @@ fn inputs_that_move_together_are_refused() {
     let mut random = Random(8);
     let first = random.levels(ROWS, 40);
     let second = first.iter().map(|value| 0.83 * value + 2.0 + 1e-4 * random.normal()).collect();
-    let (cause, told) = refusal(identify(columns_of(&two_inputs(), 8, vec![first, second]).record()));
+    let (cause, error) = refusal(identify(columns_of(&two_inputs(), 8, vec![first, second]).record()));
     assert_eq!(cause, Cause::DependentInputs);
-    assert!(told.starts_with("u2 = 0.83 u1 + 2 within 0.0"), "{told}");
+    assert!(error.starts_with("u2 = 0.83 u1 + 2 within 0.0"), "{error}");
 }
 
 /// A loop with u = −K y, y with noise, and levels added after some row.
@@ -192,9 +192,9 @@ fn closed_loop(seed: u64, added: f64) -> Columns {
 
 #[test]
 fn feedback_without_anything_added_is_refused() {
-    let (cause, told) = refusal(identify(closed_loop(9, 0.0).record()));
+    let (cause, error) = refusal(identify(closed_loop(9, 0.0).record()));
     assert_eq!(cause, Cause::Feedback);
-    assert!(told.starts_with("u1 = -4 x1 - 2 x2: a feedback without anything added"), "{told}");
+    assert!(error.starts_with("u1 = -4 x1 - 2 x2: a feedback without anything added"), "{error}");
     let found = good(identify(closed_loop(9, 1.0).record()));
     assert_eq!(kinds(&found), []);
     assert_eq!(found.model.method, "innovation form");
@@ -230,11 +230,14 @@ fn a_known_row_in_other_units_is_found() {
     columns.x[0].iter_mut().for_each(|angle| *angle = angle.to_degrees());
     let found = identify_with(columns.record(), &options);
     // The model of the wrong structure may be refused, too; the finding comes first.
-    let told = match &found {
+    let message = match &found {
         Ok(found) => text(found, Kind::WrongRow).to_owned(),
         Err(refusal) => refusal.text.clone(),
     };
-    assert!(told.starts_with("x1' is 57.3 times what the structure has, x1' = x2: is x1 in other units?"), "{told}");
+    assert!(
+        message.starts_with("x1' is 57.3 times what the structure has, x1' = x2: is x1 in other units?"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -272,10 +275,10 @@ fn a_missing_state_is_refused() {
     let mut random = Random(15);
     let mut columns = columns_of(&plant, 15, vec![random.levels(ROWS, 40)]);
     columns.x = vec![columns.x[1].clone()];
-    let (cause, told) = refusal(identify(columns.record()));
+    let (cause, error) = refusal(identify(columns.record()));
     assert_eq!(cause, Cause::NoModel);
-    assert!(told.starts_with("no model of these states follows the record (best: "), "{told}");
-    assert!(told.ends_with("is a state missing?"), "{told}");
+    assert!(error.starts_with("no model of these states follows the record (best: "), "{error}");
+    assert!(error.ends_with("is a state missing?"), "{error}");
 }
 
 #[test]
@@ -320,17 +323,17 @@ fn an_entry_whose_sign_the_record_contradicts_ends_at_0_and_is_named() {
 #[test]
 fn names_and_options_that_do_not_fit_are_refused() {
     let record = columns(19).record();
-    let told = |signals: Signals, options: &Options| {
+    let refused = |signals: Signals, options: &Options| {
         let refusal = identify_states(std::slice::from_ref(&record), None, &signals, options).unwrap_err();
         assert_eq!(refusal.cause, Cause::Request);
         refusal.text
     };
     let options = Options::default();
-    assert_eq!(told(Signals::new(&["u"], &["x1"]), &options), "record has no column `u`; there are: u1, x1, x2");
-    assert_eq!(told(Signals::new(&["u1"], &["u1"]), &options), "`u1` is given twice");
-    assert!(told(Signals::new(&[], &["x1"]), &options).starts_with("a model needs at least one input"));
-    assert!(told(signals(1, 2), &Options { hold_out: 1.0, ..options.clone() }).starts_with("1 of each record"));
-    assert!(told(signals(1, 2), &Options { fixed: names("v", 1), ..options }).starts_with("`v1` is no input"));
+    assert_eq!(refused(Signals::new(&["u"], &["x1"]), &options), "record has no column `u`; there are: u1, x1, x2");
+    assert_eq!(refused(Signals::new(&["u1"], &["u1"]), &options), "`u1` is given twice");
+    assert!(refused(Signals::new(&[], &["x1"]), &options).starts_with("a model needs at least one input"));
+    assert!(refused(signals(1, 2), &Options { hold_out: 1.0, ..options.clone() }).starts_with("1 of each record"));
+    assert!(refused(signals(1, 2), &Options { fixed: names("v", 1), ..options }).starts_with("`v1` is no input"));
 }
 
 #[test]
@@ -340,8 +343,8 @@ fn wrong_cells_of_the_held_out_part_do_not_spoil_its_fit() {
     columns.x[1][700] -= 20.0;
     let found = good(identify(columns.record()));
     assert_eq!(kinds(&found), [Kind::WrongCells]);
-    let told = text(&found, Kind::WrongCells);
-    assert!(told.starts_with("record: row 601, 701: wrong cells"), "{told}");
+    let message = text(&found, Kind::WrongCells);
+    assert!(message.starts_with("record: row 601, 701: wrong cells"), "{message}");
     assert!(found.model.fit.held_out.iter().all(|fit| *fit > 97.0), "{:?}", found.model.fit);
 }
 
@@ -386,12 +389,12 @@ fn odd_records_are_refused() {
     for count in 0..30 {
         assert_eq!(refused(&rows(count)).0, Cause::TooShort, "{count}");
     }
-    let (cause, told) = refused(&|record| record.columns[1].values[7] = f64::INFINITY);
-    assert_eq!((cause, told.as_str()), (Cause::Request, "record: row 8: x1 = inf: must be finite or NaN"));
+    let (cause, error) = refused(&|record| record.columns[1].values[7] = f64::INFINITY);
+    assert_eq!((cause, error.as_str()), (Cause::Request, "record: row 8: x1 = inf: must be finite or NaN"));
     assert_eq!(refused(&|record| record.columns[0].values.fill(f64::NAN)).0, Cause::TooShort);
     assert_eq!(refused(&|record| record.columns[0].values.truncate(3)).0, Cause::Request);
     assert_eq!(refused(&|record| record.time[3] = f64::NAN).0, Cause::Time);
-    let (cause, told) = refused(&|record| record.columns[1].values.fill(5.0));
+    let (cause, error) = refused(&|record| record.columns[1].values.fill(5.0));
     let expected = "x1 never moves (5 … 5): there is nothing to model. Leave it out, or excite it";
-    assert_eq!((cause, told.as_str()), (Cause::StillState, expected));
+    assert_eq!((cause, error.as_str()), (Cause::StillState, expected));
 }

@@ -107,18 +107,18 @@ fn a_delay_between_rows_acts_from_the_next_row_on() {
     record.time.iter_mut().for_each(|time| *time += STEP * random.uniform(-0.3, 0.3));
     let found = good(identify_with(record, &Options { delays: vec![0.004], ..Options::default() }));
     assert_eq!((text(&found, Kind::Delay), &found.model.delay[..]), ("", &[0.004][..]));
-    for (delay, told) in [
+    for (delay, message) in [
         (100.0, "record: a delay of 100 s leaves fewer than 4 rows of its 40 s"),
         (-1.0, "delay = -1: must be a finite number, at least 0"),
     ] {
         let result = identify_with(columns(35).record(), &Options { delays: vec![delay], ..Options::default() });
-        assert_eq!(refusal(result).1, told);
+        assert_eq!(refusal(result).1, message);
     }
 }
 
 #[test]
 fn a_delay_of_a_part_of_a_step_is_no_longer_one() {
-    let mut told = 0;
+    let mut warned = 0;
     for seed in 36..42 {
         // Rows of a fifth of a step, of which each fifth one is recorded.
         let mut random = Random(seed);
@@ -133,10 +133,10 @@ fn a_delay_of_a_part_of_a_step_is_no_longer_one() {
         let mut record = columns.record();
         record.columns[0].values.push(0.0);
         let found = good(identify(record));
-        told += usize::from(!text(&found, Kind::Delay).is_empty());
+        warned += usize::from(!text(&found, Kind::Delay).is_empty());
         assert!(!text(&found, Kind::Delay).contains("Try"), "{}", text(&found, Kind::Delay));
     }
-    assert!(told > 0);
+    assert!(warned > 0);
 }
 
 #[test]
@@ -177,9 +177,9 @@ fn outputs_need_steps_that_are_alike_not_exact() {
     }
     let mut time = vec![0.0];
     (1..ROWS).for_each(|k| time.push(time[k - 1] + step * random.uniform(0.5, 1.5)));
-    let (cause, told) = refusal(of_output(&[Columns { time, u, x }.record()], None, &Options::default()));
+    let (cause, error) = refusal(of_output(&[Columns { time, u, x }.record()], None, &Options::default()));
     assert_eq!(cause, Cause::TooShort);
-    assert!(told.starts_with("the steps differ (0.0") && told.contains("Resample the records"), "{told}");
+    assert!(error.starts_with("the steps differ (0.0") && error.contains("Resample the records"), "{error}");
 }
 
 #[test]
@@ -201,11 +201,11 @@ fn signals_without_values_and_inputs_that_are_constant_in_each_record_are_named(
     assert_eq!(nan(0), "record: u1 has no values");
     assert_eq!(nan(2), "x2 has no values");
     let at = |level: f64| columns_of(&Plant::oscillator(), 51, vec![vec![level; ROWS]]).record();
-    let (cause, told) = refusal(identify_states(&[at(1.0), at(3.0)], None, &signals(1, 2), &Options::default()));
+    let (cause, error) = refusal(identify_states(&[at(1.0), at(3.0)], None, &signals(1, 2), &Options::default()));
     assert_eq!(cause, Cause::StillInput);
     assert!(
-        told.starts_with("u1 is constant in each record, as the record's constant is: leave the constant out"),
-        "{told}"
+        error.starts_with("u1 is constant in each record, as the record's constant is: leave the constant out"),
+        "{error}"
     );
 }
 
@@ -222,7 +222,7 @@ fn a_known_row_that_is_wrong_without_a_factor_of_units_is_a_warning() {
     let found = good(identify_with(record, &Options { structure, ..Options::default() }));
     let finding = found.findings.iter().find(|finding| finding.kind == Kind::WrongRow).expect("a finding");
     assert_eq!(finding.verdict, Verdict::Warning);
-    let told = &finding.text;
-    assert!(told.starts_with("row 1 of the structure isn't what the record shows: d(x1)/x1 = -"), "{told}");
-    assert!(told.contains(" for -3, d(x1)/x2 = ") && told.ends_with(" for 1.5"), "{told}");
+    let message = &finding.text;
+    assert!(message.starts_with("row 1 of the structure isn't what the record shows: d(x1)/x1 = -"), "{message}");
+    assert!(message.contains(" for -3, d(x1)/x2 = ") && message.ends_with(" for 1.5"), "{message}");
 }

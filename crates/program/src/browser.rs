@@ -36,7 +36,7 @@ unsafe extern "C" {
     fn take(text: *const u8, length: usize);
 }
 
-fn tell(line: &Value) {
+fn send(line: &Value) {
     let text = line.to_string();
     // SAFETY: the page reads no more bytes of the text before it returns.
     unsafe { take(text.as_ptr(), text.len()) };
@@ -65,7 +65,7 @@ unsafe extern "C" fn page_answer(place: *mut u8, length: usize) {
     // Whatever becomes of the question, the next one has its own.
     let libraries = std::mem::take(&mut *LIBRARIES.lock().unwrap_or_else(PoisonError::into_inner));
     let answered = answer(&question, libraries);
-    tell(&answered.unwrap_or_else(|reason| json!({ "error": reason })));
+    send(&answered.unwrap_or_else(|reason| json!({ "error": reason })));
 }
 
 /// Keeps a library for the FMUs of the page.
@@ -97,7 +97,7 @@ fn of_design(question: &playground::Question, libraries: Vec<Vec<u8>>) -> Result
         None => ready.insert(Ready::new()?),
     };
     let libraries = Cell::new(libraries);
-    playground::answer(question, ready, &|| Library::holding(libraries.take()), &mut |line| tell(&line))
+    playground::answer(question, ready, &|| Library::holding(libraries.take()), &mut |line| send(&line))
 }
 
 fn of_loop(asked: OfLoop) -> Result<Value, String> {
@@ -107,10 +107,10 @@ fn of_loop(asked: OfLoop) -> Result<Value, String> {
     }
     let session = session.as_ref().ok_or("no loop was requested")?;
     match asked {
-        OfLoop::Loop(_) => Ok(session.told()),
+        OfLoop::Loop(_) => Ok(session.to_json()),
         OfLoop::Set(wanted) => Ok(json!({ "set": session.set(&wanted)? })),
         OfLoop::Run(wanted) => session.run(&wanted, &mut |line| {
-            tell(&line);
+            send(&line);
             true
         }),
     }

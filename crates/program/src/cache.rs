@@ -44,12 +44,12 @@ type Seen = (PathBuf, usize, SystemTime);
 static KNOWN: Mutex<Option<HashMap<Seen, Checksum>>> = Mutex::new(None);
 
 /// Troubles with the cache that concern the user.
-static TROUBLE: Mutex<Trouble> = Mutex::new(Trouble { untrusted: None, is_told: false, damaged: BTreeSet::new() });
+static TROUBLE: Mutex<Trouble> = Mutex::new(Trouble { untrusted: None, is_reported: false, damaged: BTreeSet::new() });
 
 struct Trouble {
     /// Reason why the folder isn't used.
     untrusted: Option<String>,
-    is_told: bool,
+    is_reported: bool,
     /// Files that are made anew.
     damaged: BTreeSet<PathBuf>,
 }
@@ -58,7 +58,7 @@ struct Trouble {
 pub fn trouble() -> Vec<String> {
     let mut found = TROUBLE.lock().unwrap_or_else(PoisonError::into_inner);
     let mut lines = Vec::new();
-    if let Some(reason) = found.untrusted.clone().filter(|_| !std::mem::replace(&mut found.is_told, true)) {
+    if let Some(reason) = found.untrusted.clone().filter(|_| !std::mem::replace(&mut found.is_reported, true)) {
         lines.push(format!(
             "the cache is not used: {reason}. Its files are loaded and executed, so only you may be able to write to \
              it. Set {FOLDER} to another folder, or to nothing to run without a cache"

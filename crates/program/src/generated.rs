@@ -185,11 +185,11 @@ fn what_it_is(key: &Key) -> String {
         text += &format!(", each `{{ {} }}`", keys.keys().cloned().collect::<Vec<_>>().join(", "));
     }
     let default = &key.schema["default"];
-    let says = key.required || ["none is given", "none are given"].iter().any(|words| text.contains(words));
+    let has_rule = key.required || ["none is given", "none are given"].iter().any(|words| text.contains(words));
     let empty = default.as_array().is_some_and(Vec::is_empty);
     match default {
         Value::Null => {}
-        _ if says || empty => {}
+        _ if has_rule || empty => {}
         default => text += &format!("; `{default}` unless given"),
     }
     text

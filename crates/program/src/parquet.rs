@@ -110,7 +110,7 @@ fn footer(names: &[String], groups: &[Group], texts: &[(String, String)]) -> Vec
     let rows = groups.iter().map(|group| group.rows).sum();
     let mut file = Struct::default();
     file.i32(1, 1).structs(2, std::iter::once(root).chain(names.iter().map(leaf))).i64(3, rows);
-    file.structs(4, groups.iter().map(|group| group.told(names)))
+    file.structs(4, groups.iter().map(|group| group.metadata(names)))
         .structs(5, texts.iter().map(text))
         .text(6, concat!("adaptive-fmu ", env!("CARGO_PKG_VERSION")));
     file.end()
@@ -118,7 +118,7 @@ fn footer(names: &[String], groups: &[Group], texts: &[(String, String)]) -> Vec
 
 impl Group {
     /// Places of its columns.
-    fn told(&self, names: &[String]) -> Struct {
+    fn metadata(&self, names: &[String]) -> Struct {
         let Group { rows, chunks } = self;
         let chunk = |(name, (offset, size)): (&String, &(i64, i64))| {
             let mut about = Struct::default();
@@ -267,12 +267,14 @@ mod tests {
         for group in &groups {
             file.group(group[0].len(), group.iter().map(|column| column.iter().copied())).unwrap();
         }
-        for (told, group) in file.groups.iter().zip(&groups) {
-            assert_eq!(told.rows, group[0].len() as i64);
-            for ((offset, size), column) in told.chunks.iter().zip(group) {
+        for (stored, group) in file.groups.iter().zip(&groups) {
+            assert_eq!(stored.rows, group[0].len() as i64);
+            for ((offset, size), column) in stored.chunks.iter().zip(group) {
                 let numbers: Vec<u8> = column.iter().flat_map(|value| value.to_le_bytes()).collect();
                 let chunk = &file.out()[*offset as usize..(offset + size) as usize];
-                assert!(chunk.ends_with(&numbers) && chunk.starts_with(&page_header(told.rows, numbers.len() as i64)));
+                assert!(
+                    chunk.ends_with(&numbers) && chunk.starts_with(&page_header(stored.rows, numbers.len() as i64))
+                );
             }
         }
         let (first, last) = (file.groups[0].chunks[0], file.groups[1].chunks[1]);

@@ -151,8 +151,8 @@ fn compare(was: &Value, is: &Value, way: String, found: &mut Vec<String>) {
             compare(&was[key], &is[key], way, found);
         }
     } else if was != is {
-        let told = |value: &Value| if value.is_null() { "not there".to_owned() } else { value.to_string() };
-        found.push(format!("{way} was {}, is {}", told(was), told(is)));
+        let text = |value: &Value| if value.is_null() { "not there".to_owned() } else { value.to_string() };
+        found.push(format!("{way} was {}, is {}", text(was), text(is)));
     }
 }
 

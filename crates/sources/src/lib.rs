@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Sets `ADAPTIVE_FMU_SOURCE` for a crate: the checksum of files and of all files in folders.
-pub fn tell(places: &[impl AsRef<Path>]) {
+pub fn track(places: &[impl AsRef<Path>]) {
     let mut hasher = DefaultHasher::new();
     for place in places.iter().map(AsRef::as_ref) {
         println!("cargo::rerun-if-changed={}", place.display());

@@ -66,10 +66,10 @@ impl FunnelControl {
         }
         let count = (S::from_integer(v.get(self.reopened)) + 1.0).to_integer();
         v.put(self.reopened, count);
-        self.tell_reopened((i, t), [was, opened[0]], v);
+        self.warn_reopened((i, t), [was, opened[0]], v);
     }
 
-    fn tell_reopened<S: Scalar>(&self, (i, t): (usize, S), [was, now]: [S; 2], v: &mut Point<S>) {
+    fn warn_reopened<S: Scalar>(&self, (i, t): (usize, S), [was, now]: [S; 2], v: &mut Point<S>) {
         let error = self.error(0, i, &v.values());
         v.warn(self.left, |v| {
             format!(
@@ -79,7 +79,7 @@ impl FunnelControl {
                 error.rounded(),
                 v.name(self.bounds.psi.at(i)),
                 was.rounded(),
-                t.told(),
+                t.to_text(),
                 now.rounded(),
                 v.name(self.reopened)
             )
@@ -123,14 +123,14 @@ impl FunnelControl {
         let place = if begins { "starts outside its funnel" } else { "has left its funnel" };
         if level == 0 {
             let allowed = format!("{place}: must lie between -{0} and {0}, {psi}; {helps}", bound.rounded_at_most());
-            return Invalid::new(v.name(self.e.at(i)), error.told(), allowed);
+            return Invalid::new(v.name(self.e.at(i)), error.to_text(), allowed);
         }
         let allowed = format!(
             "{place}: must lie between -1 and 1 (with {} = {} and {psi} = {}); {helps}",
             v.name(self.e.at(i)),
-            error.told(),
+            error.to_text(),
             bound.rounded()
         );
-        Invalid::new(v.name(self.parts.at(i, level)), part.told(), allowed)
+        Invalid::new(v.name(self.parts.at(i, level)), part.to_text(), allowed)
     }
 }

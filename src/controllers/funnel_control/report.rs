@@ -8,7 +8,7 @@ use super::{Bounds, Errors, FunnelControl};
 use crate::controllers::at_limit::unit;
 use crate::design::funnel_loop::{Channel, FOLLOWED, Followed, Loop, SMOOTH_START, smooth_start};
 use crate::design::robustness::place::Place;
-use crate::design::robustness::report::{Described, Unit, tell_number};
+use crate::design::robustness::report::{Described, Unit, report_number};
 use crate::design::robustness::uncertain::Uncertain;
 use crate::design::{digits, percent};
 use crate::mathematics::limits::UNLIMITED;
@@ -23,28 +23,28 @@ const MOST_SAMPLES: f64 = 2e6;
 const POINTS: u32 = 120;
 
 impl FunnelControl {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_loop(v, report);
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.report_loop(v, report);
         report.section("Funnel");
-        tell_bounds(&self.bounds, v, report);
+        report_bounds(&self.bounds, v, report);
         match &self.errors {
             Errors::Filtered { tau: Some(tau) } => {
-                report.tell(&v.name(*tau), &row(&v[*tau]), "s", "in the middle the error decays with it");
+                report.add(&v.name(*tau), &row(&v[*tau]), "s", "in the middle the error decays with it");
             }
             Errors::Filtered { tau: None } => {}
             Errors::TwoFunnels { g_0, second } => {
                 report.section("Funnel of the second error");
-                tell_bounds(second, v, report);
-                report.tell(&v.name(*g_0), &row(&v[*g_0]), "1/s", "in the middle the error decays at this rate");
+                report_bounds(second, v, report);
+                report.add(&v.name(*g_0), &row(&v[*g_0]), "1/s", "in the middle the error decays at this rate");
             }
         }
         report.section("Gain");
         let note = "how much a channel asks for, over the last error in parts of its bound: in the middle of it, and ever \
                     more towards it";
-        report.tell(&v.name(self.g), &row(&v[self.g]), "", note);
+        report.add(&v.name(self.g), &row(&v[self.g]), "", note);
         let note =
             "the plant's input gain times it, plus its transpose, must be positive definite; this is not checked";
-        report.tell(&v.name(self.G), &v.matrix(self.G).into_owned(), "", note);
+        report.add(&v.name(self.G), &v.matrix(self.G).into_owned(), "", note);
         let is_limited = |j: &usize| v[self.u_min][*j] > -UNLIMITED || v[self.u_max][*j] < UNLIMITED;
         for j in (0..self.u.len()).filter(is_limited) {
             let note = "without limits the error stays in its funnel, whatever the plant is; with them only where they don't act";
@@ -53,7 +53,7 @@ impl FunnelControl {
     }
 
     /// The loop with the plant of the description, which follows a reference that starts smoothly.
-    fn tell_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
         let (m, degree) = (self.u.len(), self.r.len());
         let Errors::Filtered { tau } = &self.errors else { return };
         let Some(described) = report.nominal().and_then(|nominal| Described::new(nominal, m)) else { return };
@@ -67,7 +67,7 @@ impl FunnelControl {
             g: v[self.g][i],
         };
         let funnels = Funnels { channels: (0..m).map(channel).collect(), G: v.matrix(self.G).into_owned(), degree };
-        funnels.tell(&described, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
+        funnels.report(&described, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
     }
 }
 
@@ -79,7 +79,7 @@ struct Funnels {
 }
 
 impl Funnels {
-    fn tell(&self, described: &Described, unit: &Unit, report: &mut DesignReport) {
+    fn report(&self, described: &Described, unit: &Unit, report: &mut DesignReport) {
         let plant = &described.plant;
         report.section("Nominal loop");
         if plant.delay > 0.0 {
@@ -88,11 +88,11 @@ impl Funnels {
         }
         let nominal = Place::nominal(plant.size());
         let followed = self.follow(plant, &nominal, 1, unit);
-        self.tell_followed(&followed, described, unit, report);
+        self.report_followed(&followed, described, unit, report);
         let mut summary = self.words(&followed, unit);
         let mut shown = vec![(CurveOf::Nominal, nominal)];
         if described.assumed.is_known() && followed.stayed() {
-            let (worst, places) = self.tell_uncertain(described, unit, report);
+            let (worst, places) = self.report_uncertain(described, unit, report);
             summary.push_str(&worst);
             shown.splice(0..0, places.into_iter().map(|place| (CurveOf::Worst, place)));
         }
@@ -101,12 +101,12 @@ impl Funnels {
     }
 
     /// The worst of the uncertain plants in words, and those that are worst.
-    fn tell_uncertain(&self, described: &Described, unit: &Unit, report: &mut DesignReport) -> (String, Vec<Place>) {
+    fn report_uncertain(&self, described: &Described, unit: &Unit, report: &mut DesignReport) -> (String, Vec<Place>) {
         let plant = &described.plant;
         let (drawn, seed) = described.drawn;
         let mut places = vec![Place::nominal(plant.size())];
         places.extend(plant.bounds.drawn(drawn, seed));
-        tell_number(&places, report);
+        report_number(&places, report);
         let follow = |place: &Place| self.follow(plant, place, places.len(), unit);
         let all: Vec<_> = places.iter().map(follow).collect();
         let mut worst = all.iter().fold(all[0].clone(), |worst, one| worst.or_worse(one));
@@ -123,7 +123,7 @@ impl Funnels {
             shown.push(place);
         }
         report.worst = described.worst_plants(&shown, &["largest error"], unit);
-        self.tell_followed(&worst, described, unit, report);
+        self.report_followed(&worst, described, unit, report);
         shown.dedup();
         let text = format!("; worst of {} plants: {}", places.len(), self.words(&worst, unit));
         (text, shown)
@@ -225,7 +225,7 @@ impl Funnels {
         followed.left * self.channels.iter().map(part).fold(0.0, f64::max)
     }
 
-    fn tell_followed(&self, followed: &Followed, described: &Described, unit: &Unit, report: &mut DesignReport) {
+    fn report_followed(&self, followed: &Followed, described: &Described, unit: &Unit, report: &mut DesignReport) {
         let W = described.plant.bandwidth;
         if !followed.stayed() {
             let note = "when the error leaves its funnel, for a reference that starts smoothly. Use a larger g, a shorter tau, or a shorter step";
@@ -235,14 +235,14 @@ impl Funnels {
             "of all levels, in parts of its bound, for a reference that starts smoothly (smooth_start_rate = {} 1/s)",
             digits(SMOOTH_START * W)
         );
-        report.tell("largest error", three_digits(followed.largest_part), "", &note);
+        report.add("largest error", three_digits(followed.largest_part), "", &note);
         let note = format!("of the reference at most, after {} s", digits(FOLLOWED / W));
-        report.tell("error at the end", three_digits(100.0 * self.left(followed)), "%", &note);
-        described.tell_ranges(&followed.control, Verdict::Warning, unit, report);
+        report.add("error at the end", three_digits(100.0 * self.left(followed)), "%", &note);
+        described.report_ranges(&followed.control, Verdict::Warning, unit, report);
     }
 }
 
-fn tell_bounds(bounds: &Bounds, v: &Values<f64>, report: &mut DesignReport) {
+fn report_bounds(bounds: &Bounds, v: &Values<f64>, report: &mut DesignReport) {
     performance::report([bounds.start, bounds.end, bounds.decay_rate], v, report);
 }
 

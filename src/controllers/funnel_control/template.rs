@@ -33,7 +33,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    tell(&mut text, &plant, &nominal, &design, &references);
+    describe(&mut text, &plant, &nominal, &design, &references);
     let parts = |part: f64| list(&references.iter().map(|size| three_digits(part * size)).collect::<Vec<_>>());
     text.set("psi_0", parts(WIDE), "bound of the error at the start, which the error must not exceed");
     text.set("psi_inf", parts(NARROW), "bound of the error in the end");
@@ -53,7 +53,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
 }
 
 /// Writes for which references this is, and what the nominal loop needs.
-fn tell(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, references: &[f64]) {
+fn describe(text: &mut Text, plant: &Plant, nominal: &Nominal, design: &Design, references: &[f64]) {
     let (W, sizes) = (nominal.bandwidth, one_or_each(references));
     let rate = digits(SMOOTH_START * W);
     let derivatives = if design.degree > 1 { ", with its derivatives as inputs" } else { "" };

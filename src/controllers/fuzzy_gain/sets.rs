@@ -59,9 +59,9 @@ impl Sets {
             Some(width) => {
                 let is_narrow = !v[self.VS_l].at_most(v[self.S_l] - width);
                 v.refuse(is_narrow, |v| {
-                    let [S_l, most] = [v[self.S_l].told(), (v[self.S_l] - width).told()];
+                    let [S_l, most] = [v[self.S_l].to_text(), (v[self.S_l] - width).to_text()];
                     let allowed = format!("must be at most {most}, {width} below {} = {S_l}", v.name(self.S_l));
-                    Invalid::new(v.name(self.VS_l), v[self.VS_l].told(), allowed)
+                    Invalid::new(v.name(self.VS_l), v[self.VS_l].to_text(), allowed)
                 });
             }
         }

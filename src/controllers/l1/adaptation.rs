@@ -59,10 +59,10 @@ impl Law {
     fn report_speed(&self, design: &L1Design, adaptation: &L1Adaptation, v: &Values<f64>, report: &mut DesignReport) {
         let turns = adaptation.slowest();
         let rest = "of the slowest direction of the adaptation, with control and state at zero";
-        report.tell("frequency at rest", turns, "rad/s", rest);
+        report.add("frequency at rest", turns, "rad/s", rest);
         let widest = widest(design);
         if let Some(band) = widest {
-            report.tell("largest bandwidth", band, "rad/s", "of C(s), over omega within its bounds");
+            report.add("largest bandwidth", band, "rad/s", "of C(s), over omega within its bounds");
         }
         let known = report.nominal().and_then(|nominal| nominal.reference.clone());
         let Some(off) = self.worst_prediction(known.as_deref(), v) else {
@@ -82,7 +82,7 @@ impl Law {
         let references = if small == large { number(small) } else { format!("{} to {}", number(small), number(large)) };
         if verdict == Verdict::Ok {
             let note = format!("of C (x_hat - x), compared with references of about {references}");
-            return report.tell(&name, off.bound, "", &note);
+            return report.add(&name, off.bound, "", &note);
         }
         let enough = adaptation.gain * (off.bound / (NEAR * off.reference[0])).powi(2);
         // One that is fast already lacks no speed.
@@ -138,7 +138,7 @@ impl Law {
         let factor = adaptation.tolerated(&(&design.K * at_once), &design.gains(), is_full);
         let name = format!("{gain} that the adaptation tolerates");
         if factor == f64::INFINITY {
-            return report.tell_unlimited(
+            return report.add_unlimited(
                 &name,
                 "",
                 "the adaptation at rest does not grow for any omega within its bounds",
@@ -146,7 +146,7 @@ impl Law {
         }
         let value = &design.K * factor;
         if factor >= 1.0 {
-            return report.tell(
+            return report.add(
                 &name,
                 &value,
                 "1/s",
@@ -182,7 +182,7 @@ impl Law {
         let counts = format!("(omega - I) {of_K_m} x is also uncertain: one element {each}, at the bounds of omega");
         // Bounds that were scaled have rounding in their last digit.
         if most.iter().zip(&bounds).all(|(added, bound)| *added <= bound * (1.0 + 1e-9)) {
-            return report.tell(&name, &value, "", &counts);
+            return report.add(&name, &value, "", &counts);
         }
         let note = format!(
             "{counts}. It exceeds {}: for such an omega, theta_hat stays at its bounds and sigma_hat must represent \

@@ -97,9 +97,9 @@ impl Law {
         let clipped = self.bring_within_bounds(v);
         v.when(clipped.above(S::from(0.0)), |v| {
             let text = |_: &Values<S>| {
-                format!("{} estimates were outside the new bounds and were moved to them", clipped.told())
+                format!("{} estimates were outside the new bounds and were moved to them", clipped.to_text())
             };
-            v.say(self.at_bounds, text);
+            v.warn_each_time(self.at_bounds, text);
         });
     }
 

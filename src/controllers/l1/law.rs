@@ -229,9 +229,12 @@ impl Law {
             let start = S::from(f64::from(u8::from(i == j)));
             v.refuse(!(lo.at_most(start) & start.at_most(hi)), |v| {
                 let [min, max] = [v.name(self.design.omega_min.at(k)), v.name(self.design.omega_max.at(k))];
-                let allowed =
-                    format!("must contain the start value {} of the estimate {}", start.told(), v.name(self.omega_hat));
-                Invalid::new(format!("{min} … {max}"), format!("{} … {}", lo.told(), hi.told()), allowed)
+                let allowed = format!(
+                    "must contain the start value {} of the estimate {}",
+                    start.to_text(),
+                    v.name(self.omega_hat)
+                );
+                Invalid::new(format!("{min} … {max}"), format!("{} … {}", lo.to_text(), hi.to_text()), allowed)
             });
             v[self.omega_hat][k] = start;
         }

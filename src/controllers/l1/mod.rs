@@ -32,7 +32,7 @@ use crate::template::{Begun, Needs, Request, Sizes, Template};
 pub(super) use design::{Dynamics, SETTLED};
 pub(super) use law::{Beside, Goal, Law};
 pub(super) use ports::Ports;
-pub(super) use report::{controllability, tell_delay_margin};
+pub(super) use report::{controllability, report_delay_margin};
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
 pub(super) use structure::{
     PlantMatrices, Quantities, Symbols, Units, enters_rates, input_and_output, nominal_dynamics, of_motion,

@@ -45,7 +45,7 @@ fn compare(own: &PlantMatrices, report: &mut DesignReport) {
 }
 
 /// Reports steps of the reference, and if uncertain plants are stable: true where their uncertainty decides about the design.
-pub(in crate::controllers) fn tell(
+pub(in crate::controllers) fn report_robustness(
     own: &PlantMatrices,
     numbers: &Numbers,
     unit: &Unit,
@@ -70,7 +70,7 @@ pub(in crate::controllers) fn tell(
     let Some(laws) = laws else { return false };
     let H = unit.step * W;
     let region = Region::new(plant, &laws[0], described.drawn);
-    described.tell(&laws[0], &region, unit, report);
+    described.report(&laws[0], &region, unit, report);
     if !described.assumed.is_known() {
         return false;
     }
@@ -83,7 +83,7 @@ pub(in crate::controllers) fn tell(
     match (verdict, found.lambda) {
         (Verdict::NotSound, _) => report.judge("stable up to", stable, "", verdict, text),
         (_, lambda) => {
-            report.tell("stable up to", stable, "", "uncertainty up to which all plants tried are stable");
+            report.add("stable up to", stable, "", "uncertainty up to which all plants tried are stable");
             report.judge("lambda*", lambda.map_or_else(|| "not computed".into(), Value::from), "", verdict, text);
         }
     }
@@ -95,7 +95,7 @@ pub(in crate::controllers) fn tell(
 
 impl Law {
     /// The same with these gains of the filter; nothing where it is more than its filter 1/s and matched estimates.
-    pub(super) fn tell_plants(
+    pub(super) fn report_plants(
         &self,
         gains: &[(&str, DMatrix<f64>)],
         v: &Values<f64>,
@@ -112,6 +112,6 @@ impl Law {
             is_inside: self.baseline == Baseline::Inside,
         };
         let Ports { u, u_min, u_max, .. } = self.ports;
-        tell(&self.plant, &numbers, &unit(u, [u_min, u_max], v, report.step), report)
+        report_robustness(&self.plant, &numbers, &unit(u, [u_min, u_max], v, report.step), report)
     }
 }

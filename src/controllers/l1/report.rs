@@ -24,7 +24,7 @@ const FINER: f64 = 10.0;
 impl Law {
     /// Reports the controller with each of these K, of which the first is the parameter.
     pub fn report(&self, gains: &[(&str, DMatrix<f64>)], v: &Values<f64>, report: &mut DesignReport) {
-        let is_decided = self.tell_plants(gains, v, report);
+        let is_decided = self.report_plants(gains, v, report);
         self.report_dynamics(v, report);
         self.report_lyapunov(v, report);
         for (name, K) in gains {
@@ -32,7 +32,7 @@ impl Law {
             let design = self.l1_design(K, v);
             report.section(&section("Filter loop"));
             if !name.is_empty() {
-                report.tell("K", K, "1/s", "treated as constant; its changes are not taken into account");
+                report.add("K", K, "1/s", "treated as constant; its changes are not taken into account");
             }
             if design.is_large() {
                 too_large(&design, report);
@@ -63,12 +63,12 @@ impl Law {
             report.eigenvalues("eigenvalues of A", A, false);
             report.eigenvalues(&format!("eigenvalues of A - B {of_K_m}"), &(A - &self.plant.B * &K_m), true);
             controllability(["controllability", "A", "B"], [A, &self.plant.B], report);
-            report.tell(&of_K_m, &K_m, "", "gain of the baseline");
+            report.add(&of_K_m, &K_m, "", "gain of the baseline");
         } else {
             controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
         }
         weakest_direction(&A_m, &self.plant.B, report);
-        report.tell(&v.name(self.design.K_g), &v.matrix(self.design.K_g).into_owned(), "", "gain of the reference");
+        report.add(&v.name(self.design.K_g), &v.matrix(self.design.K_g).into_owned(), "", "gain of the reference");
     }
 
     fn report_lyapunov(&self, v: &Values<f64>, report: &mut DesignReport) {
@@ -76,8 +76,8 @@ impl Law {
         let [of_A_m, of_P, of_Q] = [self.design.name_of_A_m(v), v.name(self.design.P), v.name(self.design.Q)];
         let eigenvalues = P.symmetric_eigenvalues();
         report.section("Lyapunov equation");
-        report.tell(&format!("least eigenvalue of {of_P}"), eigenvalues.min(), "", "");
-        report.tell(&format!("largest eigenvalue of {of_P}"), eigenvalues.max(), "", "");
+        report.add(&format!("least eigenvalue of {of_P}"), eigenvalues.min(), "", "");
+        report.add(&format!("largest eigenvalue of {of_P}"), eigenvalues.max(), "", "");
         let left = (A_m.transpose() * &P + &P * &A_m + v.matrix(self.design.Q)).norm() / (A_m.norm() * P.norm());
         let (verdict, note) = if left <= RESIDUAL {
             (Verdict::Ok, format!("relative residual of {of_A_m}' {of_P} + {of_P} {of_A_m} = -{of_Q}"))
@@ -170,7 +170,7 @@ impl Law {
             Ok(found) => found,
             Err(reasons) => return report.judge("‖G‖", "not found", "", Verdict::NotSound, reasons.to_string()),
         };
-        self.tell_norms(&worst, lipschitz, v, report);
+        self.report_norms(&worst, lipschitz, v, report);
         if let Some(advice) = advice {
             let advised = self.advised(&advice, design, gain, v);
             let bound = v.name(self.design.theta_bound);
@@ -184,7 +184,7 @@ impl Law {
             let verdict = if is_decided && lambda.upper.is_finite() { Verdict::Ok } else { Verdict::Warning };
             report.judge("lambda", lambda, "", verdict, note);
         } else {
-            report.tell("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
+            report.add("lambda", lambda, "", "‖G‖ L < 1: bounded for every uncertainty within the bounds");
         }
     }
 
@@ -197,18 +197,18 @@ impl Law {
         condition_holds(alone).then_some(alone.upper)
     }
 
-    fn tell_norms(&self, worst: &Worst, lipschitz: Lipschitz, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_norms(&self, worst: &Worst, lipschitz: Lipschitz, v: &Values<f64>, report: &mut DesignReport) {
         let allows = |bound: VectorOf<Parameter>| format!("Lipschitz constant that {} allows", v.name(bound));
         let text = "L1 norm from matched uncertainty to the state, at the worst omega";
-        tell_norm("‖G‖", worst.norms.matched, text, report);
-        report.tell("L", lipschitz.matched, "", &allows(self.design.theta_bound));
+        report_norm("‖G‖", worst.norms.matched, text, report);
+        report.add("L", lipschitz.matched, "", &allows(self.design.theta_bound));
         if let Some(unmatched) = &self.unmatched {
-            tell_norm("‖G_um‖", worst.norms.unmatched, "the same from unmatched uncertainty", report);
-            report.tell("L_2", lipschitz.unmatched, "", &allows(unmatched.theta_bound));
+            report_norm("‖G_um‖", worst.norms.unmatched, "the same from unmatched uncertainty", report);
+            report.add("L_2", lipschitz.unmatched, "", &allows(unmatched.theta_bound));
         }
         let among = if worst.every_corner { "every corner" } else { "not every corner" };
         let tried = format!("of {} tried ({among} of the bounds included)", worst.points);
-        report.tell("worst omega", &worst.omega, "", &tried);
+        report.add("worst omega", &worst.omega, "", &tried);
     }
 
     /// Advice that makes λ less than 1, in terms of the parameters.
@@ -260,7 +260,7 @@ impl Law {
     }
 
     fn report_delay(&self, design: &L1Design, v: &Values<f64>, report: &mut DesignReport) {
-        tell_delay_margin(design, &self.nominal_loop(design, v), &v.name(self.design.feedback_gain), report);
+        report_delay_margin(design, &self.nominal_loop(design, v), &v.name(self.design.feedback_gain), report);
     }
 
     fn nominal_loop(&self, design: &L1Design, v: &Values<f64>) -> NominalLoop {
@@ -282,14 +282,14 @@ impl Law {
         let gain = v[self.design.adaptation_gain];
         report.section("Prediction error");
         let constant = "for constant omega, theta and sigma; larger if they change";
-        report.tell("theta_m", uncertainty.theta_m(&P, &Q), "", constant);
+        report.add("theta_m", uncertainty.theta_m(&P, &Q), "", constant);
         let bound = uncertainty.prediction_error(&P, &Q, gain);
         let [of_gain, x_hat, x] = [v.name(self.design.adaptation_gain), v.name(self.x_hat), v.name(self.ports.x)];
         let finer = format!(
             "at all times. {of_gain} = {} makes it {FINER} times smaller and the adaptation {FINER} times faster",
             number(gain * FINER * FINER)
         );
-        report.tell(&format!("bound on |{x_hat} - {x}|"), bound, "", &finer);
+        report.add(&format!("bound on |{x_hat} - {x}|"), bound, "", &finer);
     }
 
     pub(super) fn uncertain(&self, v: &Values<f64>) -> Uncertainty {
@@ -314,14 +314,14 @@ impl Law {
         report.section("Communication step");
         let of_frequency = v.name(self.adaptation_frequency);
         let grows = format!("{of_frequency} with control and state at zero; grows as √(1 + |v|² + |phi|²)");
-        report.tell("omega_a at rest", frequency, "rad/s", &grows);
+        report.add("omega_a at rest", frequency, "rad/s", &grows);
         if longest == f64::INFINITY {
-            report.tell_unlimited("longest step at rest", "s", "no estimate changes");
+            report.add_unlimited("longest step at rest", "s", "no estimate changes");
             return;
         }
         if report.step <= longest {
             let note = format!("the estimates turn by {} in one step", v.name(self.design.step_phase_limit));
-            report.tell("longest step at rest", no_more(longest, DIGITS), "s", &note);
+            report.add("longest step at rest", no_more(longest, DIGITS), "s", &note);
             return;
         }
         let gain = v[self.design.adaptation_gain] * (longest / report.step).powi(2);
@@ -336,7 +336,7 @@ impl Law {
 }
 
 /// The delay margin of the loop of the nominal plant, of which K has this name.
-pub(in crate::controllers) fn tell_delay_margin(
+pub(in crate::controllers) fn report_delay_margin(
     design: &L1Design,
     broken: &NominalLoop,
     of_gain: &str,
@@ -354,14 +354,14 @@ pub(in crate::controllers) fn tell_delay_margin(
         return;
     };
     let Some(&Crossing { frequency, phase, delay }) = crossings.first() else {
-        report.tell_unlimited("delay margin", "s", "the loop gain does not cross 1");
+        report.add_unlimited("delay margin", "s", "the loop gain does not cross 1");
         return;
     };
     let of = "largest delay at the plant's input, in all channels, with which the loop of the nominal plant is stable";
     // Zero-order holds delay by half a step; measuring before the plant's step, by one more.
     let lag = 1.5 * report.step;
     if delay > lag {
-        report.tell("delay margin", delay, "s", of);
+        report.add("delay margin", delay, "s", of);
     } else {
         let note = format!(
             "sampling already delays by up to {} s (1.5 communication steps). Use a step below {} s, or a smaller \
@@ -371,16 +371,16 @@ pub(in crate::controllers) fn tell_delay_margin(
         );
         report.judge("delay margin", delay, "s", Verdict::Warning, note);
     }
-    report.tell("phase there", phase.to_degrees(), "deg", "phase margin at this gain crossover");
-    report.tell("frequency there", frequency, "rad/s", "");
+    report.add("phase there", phase.to_degrees(), "deg", "phase margin at this gain crossover");
+    report.add("frequency there", frequency, "rad/s", "");
     if crossings.len() > 1 {
         let all = DMatrix::from_fn(crossings.len(), 2, |i, j| [crossings[i].frequency, crossings[i].delay][j]);
-        report.tell("all crossings", &all, "rad/s, s", "frequency of each gain crossover, and its delay margin");
+        report.add("all crossings", &all, "rad/s, s", "frequency of each gain crossover, and its delay margin");
     }
 }
 
 /// A norm, which is infinite where the loop isn't stable for some input gain.
-fn tell_norm(name: &str, norm: Bounds, text: &str, report: &mut DesignReport) {
+fn report_norm(name: &str, norm: Bounds, text: &str, report: &mut DesignReport) {
     let verdict = if norm.upper.is_finite() { Verdict::Ok } else { Verdict::Warning };
     report.judge(name, norm, "", verdict, text);
 }
@@ -409,7 +409,7 @@ pub(in crate::controllers) fn controllability(
     match pole_placement::controllability_indices(pair[0], pair[1]) {
         Ok(indices) => {
             let indices = DMatrix::from_fn(1, indices.len(), |_, i| indices[i] as f64);
-            report.tell(&name, &indices, "", "one for each channel; their sum, the rank, is the number of states");
+            report.add(&name, &indices, "", "one for each channel; their sum, the rank, is the number of states");
         }
         Err(reason) => report.judge(&name, "none", "", Verdict::Warning, reason.to_string()),
     }
@@ -425,13 +425,13 @@ fn weakest_direction(A_m: &DMatrix<f64>, B: &DMatrix<f64>, report: &mut DesignRe
     let direction = eigen.eigenvectors.column(weakest).into_owned();
     // Up to rounding, and pointing along its largest element.
     let direction = (&direction * direction[direction.iamax()].signum()).map(|v| if v.abs() < 1e-12 { 0.0 } else { v });
-    report.tell(
+    report.add(
         "weakest direction",
         &direction,
         "",
         "direction of the state that a control of given energy moves least",
     );
-    report.tell("reach along it", ratio, "", "relative to the strongest one; depends on the states' units");
+    report.add("reach along it", ratio, "", "relative to the strongest one; depends on the states' units");
 }
 
 fn report_loop(design: &L1Design, feedback_gain: &str, report: &mut DesignReport) {
@@ -448,27 +448,27 @@ fn report_loop(design: &L1Design, feedback_gain: &str, report: &mut DesignReport
     };
     let name = "largest real part of a pole of C(s)";
     if real < 0.0 {
-        report.tell(name, real, "1/s", &format!("over {} values of omega within its bounds", gains.len()));
+        report.add(name, real, "1/s", &format!("over {} values of omega within its bounds", gains.len()));
     } else {
         let note = "for some omega within its bounds the loop is unstable; see the advice at lambda";
         // The bounds may be wider than a plant's true range: the nominal gain decides.
         let is_nominal = design.is_stable(&identity);
         report.judge(name, real, "1/s", if is_nominal { Verdict::Warning } else { Verdict::NotSound }, note);
-        report.tell("omega there", omega, "", "");
+        report.add("omega there", omega, "", "");
     }
     match design.dc_gain(&identity) {
-        Some(gain) => report.tell("C(0)", &gain, "", "constant uncertainty is cancelled completely"),
+        Some(gain) => report.add("C(0)", &gain, "", "constant uncertainty is cancelled completely"),
         None => report.judge("C(0)", "none", "", Verdict::NotSound, format!("{feedback_gain} is singular")),
     }
     if let Some(band) = design.bandwidth(&identity) {
         let note = "of C(s) with omega = I, in its slowest direction (-3 dB)";
-        report.tell("bandwidth", band.slowest, "rad/s", note);
+        report.add("bandwidth", band.slowest, "rad/s", note);
         if band.fastest > band.slowest * (1.0 + 1e-6) {
-            report.tell("bandwidth of the fastest direction", band.fastest, "rad/s", "");
+            report.add("bandwidth of the fastest direction", band.fastest, "rad/s", "");
         }
     }
     if let Some(band) = design.bandwidth(omega).filter(|_| real < 0.0) {
-        report.tell("least bandwidth", band.slowest, "rad/s", "with the omega that makes the loop slowest");
+        report.add("least bandwidth", band.slowest, "rad/s", "with the omega that makes the loop slowest");
     }
 }
 

@@ -91,7 +91,7 @@ impl Law {
                 format!(
                     "parameter estimates at a bound: {}. If they stay there, the plant is outside the assumed \
                      uncertainty. Widen {omega_min} … {omega_max}, {theta_bound} or {sigma_bound} if tracking suffers",
-                    count.told()
+                    count.to_text()
                 )
             });
         });
@@ -125,6 +125,6 @@ impl Law {
     fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
         let moved = self.moves.look(self.ports.u, step, v);
         v.put(self.step_too_long, moved.flag);
-        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, "")));
+        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.warning(step, "")));
     }
 }

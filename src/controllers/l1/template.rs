@@ -90,7 +90,7 @@ pub fn begin(request: &Request, page: &Page, varies: [f64; 2], keys: &[[&str; 3]
         keys.iter().for_each(|[key, value, what]| text.set(key, value, what));
     });
     text.table("start");
-    tell(&mut text, (&plant, bandwidth), &design, request);
+    describe(&mut text, (&plant, bandwidth), &design, request);
     write_dynamics(&mut text, &design);
     text.set("feedback_gain", diagonal(design.feedback_gain, m), "1/s, K: bandwidth of the adaptive control");
     text.set("adaptation_gain", number(design.adaptation_gain), "Gamma: larger is faster, and more work");
@@ -149,10 +149,10 @@ pub fn write_dynamics(text: &mut Text, design: &Design) {
 }
 
 /// Writes what the nominal loop does and what holds for uncertain plants, and notes what can't be done.
-pub fn tell(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design, request: &Request) {
+pub fn describe(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design, request: &Request) {
     let Found { lambda, .. } = design.found;
     let of_lambda = lambda.map_or(String::new(), |lambda| format!(", λ* {}", digits(lambda)));
-    first::tell_steps(text, bandwidth, &design.steps, &of_lambda);
+    first::describe_steps(text, bandwidth, &design.steps, &of_lambda);
     if let Some(asked) = request.bandwidth.filter(|asked| bandwidth < 0.999 * asked) {
         text.note(&format!(
             "{} rad/s was asked for. With the dead time of the plant this design is for {} rad/s.",
@@ -177,5 +177,5 @@ pub fn tell(text: &mut Text, (plant, bandwidth): (&Plant, f64), design: &Design,
     if let Some(reason) = design.found.at_rest() {
         text.note(&reason);
     }
-    first::tell_limits(text, plant, &design.steps, &design.references);
+    first::describe_limits(text, plant, &design.steps, &design.references);
 }

@@ -24,7 +24,7 @@ pub(in crate::controllers) fn check<S: Scalar>(times: VectorOf<Parameter>, v: &m
         let is_known = time.equals(S::from(BY_GAIN)) | time.equals(S::from(0.0));
         v.refuse(!is_known & time.below(S::from(LEAST)), |v| {
             let allowed = format!("must be {BY_GAIN} (1/K), 0 (off), or at least {} s", Number(LEAST));
-            Invalid::new(v.name(times.at(i)), time.told(), allowed)
+            Invalid::new(v.name(times.at(i)), time.to_text(), allowed)
         });
     }
 }
@@ -85,7 +85,7 @@ impl Law {
             let (name, rate) = (format!("T_t[{}]", i + 1), self.tracking_rate(i, K.as_view(), v));
             if rate > 0.0 {
                 let note = format!("time constant with which {} tracks the limited control", self.name_of_u_ad(i, v));
-                report.tell(&name, 1.0 / rate, "s", &note);
+                report.add(&name, 1.0 / rate, "s", &note);
             } else {
                 let [u_ad, time] = [self.name_of_u_ad(i, v), v.name(self.design.tracking_time.at(i))];
                 let note =

@@ -7,16 +7,16 @@ use nalgebra::DMatrix;
 use super::L1Limit;
 use crate::controllers::at_limit::unit;
 use crate::controllers::l1::tracking::{self, BY_GAIN};
-use crate::controllers::l1::{controllability, plants, tell_delay_margin};
+use crate::controllers::l1::{controllability, plants, report_delay_margin};
 use crate::mathematics::delay_margin::NominalLoop;
 use crate::mathematics::l1_design::L1Design;
 use crate::mathematics::limits::UNLIMITED;
 use crate::system::{DesignReport, Values, Verdict};
 
 impl L1Limit {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_plants(v, report);
-        self.tell_dynamics(v, report);
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.report_plants(v, report);
+        self.report_dynamics(v, report);
         let (design, of_K) = (self.nominal_design(v), v.name(self.K));
         report.section("Filter loop");
         if design.is_large() {
@@ -27,17 +27,17 @@ impl L1Limit {
             report.eigenvalues("poles of C(s)", &design.loop_matrix(&identity), true);
             if let Some(band) = design.bandwidth(&identity) {
                 let note = "of C(s) with the nominal input gain, in its slowest direction (-3 dB)";
-                report.tell("bandwidth", band.slowest, "rad/s", note);
+                report.add("bandwidth", band.slowest, "rad/s", note);
             }
             report.section("Time delay");
-            tell_delay_margin(&design, &self.nominal_loop(&design, v), &of_K, report);
+            report_delay_margin(&design, &self.nominal_loop(&design, v), &of_K, report);
         }
-        self.tell_noise(v, report);
-        self.tell_limits(v, report);
+        self.report_noise(v, report);
+        self.report_limits(v, report);
     }
 
     /// Plants with a law that is its filter 1/s and matched estimates.
-    fn tell_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
         if !self.filter.is_integrator() || self.plant.B_um.ncols() > 0 {
             return;
         }
@@ -48,18 +48,23 @@ impl L1Limit {
             P: None,
             is_inside: false,
         };
-        plants::tell(&self.plant, &numbers, &unit(self.u, [self.u_min, self.u_max], v, report.step), report);
+        plants::report_robustness(
+            &self.plant,
+            &numbers,
+            &unit(self.u, [self.u_min, self.u_max], v, report.step),
+            report,
+        );
     }
 
-    fn tell_dynamics(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_dynamics(&self, v: &Values<f64>, report: &mut DesignReport) {
         let (A_m, of_A_m) = (self.dynamics.A_m(v).into_owned(), self.dynamics.name_of_A_m(v));
         report.section("Desired dynamics");
         report.eigenvalues(&format!("eigenvalues of {of_A_m}"), &A_m, true);
         controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
         if let Some(K_m) = self.dynamics.gain() {
-            report.tell(&v.name(K_m), &v.matrix(K_m).into_owned(), "", "gain of the baseline");
+            report.add(&v.name(K_m), &v.matrix(K_m).into_owned(), "", "gain of the baseline");
         }
-        report.tell(&v.name(self.K_g), &v.matrix(self.K_g).into_owned(), "", "gain of the reference");
+        report.add(&v.name(self.K_g), &v.matrix(self.K_g).into_owned(), "", "gain of the reference");
     }
 
     /// The controller with the nominal input gain.
@@ -92,7 +97,7 @@ impl L1Limit {
     }
 
     /// Feedthrough of the state to the control, which noise takes too.
-    fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         let L = v.matrix(self.L).into_owned();
         let gain = DMatrix::from_fn(self.u.len(), self.x.len(), |i, j| {
             let column: Vec<_> = L.column(j).iter().copied().collect();
@@ -101,11 +106,11 @@ impl L1Limit {
         });
         report.section("Noise");
         let note = format!("from measurement noise in {} to {}", v.name(self.x), v.name(self.u));
-        report.tell("gain at high frequencies", &gain, "", &note);
+        report.add("gain at high frequencies", &gain, "", &note);
     }
 
     /// Reports the channels that have limits.
-    fn tell_limits(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_limits(&self, v: &Values<f64>, report: &mut DesignReport) {
         let is_limited = |i: &usize| v[self.u_min][*i] > -UNLIMITED || v[self.u_max][*i] < UNLIMITED;
         for i in (0..self.u.len()).filter(is_limited) {
             report.section("Limits of the control");
@@ -114,7 +119,7 @@ impl L1Limit {
             let rate = tracking::rate(v[self.tracking_time][i], row.row(i).iter(), self.filter_at_rest[0]);
             let name = format!("T_t[{}]", i + 1);
             if rate > 0.0 {
-                report.tell(
+                report.add(
                     &name,
                     1.0 / rate,
                     "s",

@@ -2,7 +2,7 @@
 
 use super::L1Limit;
 use crate::catalogue::Catalogued;
-use crate::controllers::l1::template::{found, tell, write_dynamics, write_structure};
+use crate::controllers::l1::template::{describe, found, write_dynamics, write_structure};
 use crate::controllers::template::{stop_time, write_nominal};
 use crate::error::Invalid;
 use crate::template::{Begun, Request, all, diagonal, write_limits, write_magnitudes};
@@ -15,7 +15,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let mut text = request.begin(&L1Limit::PAGE, stop_time(bandwidth), design.step);
     write_structure(&mut text, &plant, &design.desired, |_| {});
     text.table("start");
-    tell(&mut text, (&plant, bandwidth), &design, request);
+    describe(&mut text, (&plant, bandwidth), &design, request);
     write_dynamics(&mut text, &design);
     let gain = diagonal(design.feedback_gain, m);
     text.set("feedback_gain", gain, "1/s, K: bandwidth with which uncertainty is cancelled");

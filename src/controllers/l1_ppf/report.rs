@@ -15,7 +15,7 @@ use crate::system::{DesignReport, Values, Verdict};
 const PLACES: [f64; 3] = [0.0, 0.57, 0.9];
 
 impl L1Ppf {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
         report.section("Funnel");
         self.funnel.report(v, report);
         let guarantee = "the error stays inside";
@@ -32,11 +32,11 @@ impl L1Ppf {
             }
             Order::First { .. } => ("proven", "for an input gain that is diagonal and positive"),
         };
-        report.tell(guarantee, what, "", note);
-        self.tell_barrier(v, report);
+        report.add(guarantee, what, "", note);
+        self.report_barrier(v, report);
     }
 
-    fn tell_barrier(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_barrier(&self, v: &Values<f64>, report: &mut DesignReport) {
         report.section("Barrier");
         let row =
             |place: f64| DMatrix::from_fn(1, self.barrier_gain.len(), |_, i| self.stiffness_in_the_end(i, place, v));
@@ -46,30 +46,30 @@ impl L1Ppf {
         };
         for place in PLACES {
             let note = format!("{what} at {place} of the final bound, with the nominal input gain");
-            report.tell(&format!("stiffness at {place}"), &row(place), "1/s", &note);
+            report.add(&format!("stiffness at {place}"), &row(place), "1/s", &note);
         }
         if report.step > 0.0 {
-            self.tell_step(row(0.0).max(), v, report);
+            self.report_step(row(0.0).max(), v, report);
         }
     }
 
     /// Reports the step of an FMU that is stepped by itself.
-    fn tell_step(&self, stiffness: f64, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_step(&self, stiffness: f64, v: &Values<f64>, report: &mut DesignReport) {
         let name = "longest step in the middle";
         if stiffness == 0.0 {
-            report.tell_unlimited(name, "s", "there is no barrier");
+            report.add_unlimited(name, "s", "there is no barrier");
             return;
         }
         let (longest, of_gain) = (1.0 / stiffness, v.name(self.barrier_gain));
         if self.samples.is_some() && !v.get(self.evaluation).is(Evaluation::Continuous) {
             let note = "1/stiffness in the middle; in co-simulation the barrier is sampled, which allows longer steps";
-            report.tell(name, no_more(longest, DIGITS), "s", note);
+            report.add(name, no_more(longest, DIGITS), "s", note);
             return;
         }
         if report.step <= longest {
             let note =
                 "1/stiffness in the middle; 2/stiffness if the plant is stepped first. It is shorter near the bounds";
-            report.tell(name, no_more(longest, DIGITS), "s", note);
+            report.add(name, no_more(longest, DIGITS), "s", note);
             return;
         }
         let sampled =

@@ -144,7 +144,7 @@ impl L1Ppf {
     pub(super) fn judge_sampling<S: Scalar>(&self, samples: &Samples, step: S, v: &mut Point<S>) {
         let Sampling { sample_time, clock } = &samples.sampling;
         let is_overrun = self.law.is_active(&v.values()) & clock.is_overrun(step, &v.values());
-        self.law.judge_step_beside(is_overrun, |v| clock.told_overrun(step, v, &v.name(*sample_time)), v);
+        self.law.judge_step_beside(is_overrun, |v| clock.overrun_warning(step, v, &v.name(*sample_time)), v);
     }
 }
 

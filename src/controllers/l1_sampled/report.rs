@@ -26,32 +26,32 @@ const REAL: f64 = 1e-9;
 const NARROW: [f64; 2] = [0.8, 1.25];
 
 impl L1Sampled {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_plants(v, report);
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.report_plants(v, report);
         let (A_m, of_A_m) = (self.dynamics.A_m(v).into_owned(), self.dynamics.name_of_A_m(v));
         report.section("Desired dynamics");
         report.eigenvalues(&format!("eigenvalues of {of_A_m}"), &A_m, true);
         controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
         let (of_K_d, of_K_g) = (v.name(self.K_d), v.name(self.K_gd));
-        report.tell(
+        report.add(
             &of_K_d,
             &v.matrix(self.K_d).into_owned(),
             "",
             "state feedback gain, for a control with zero-order hold",
         );
-        report.tell(&of_K_g, &v.matrix(self.K_gd).into_owned(), "", "gain of the reference");
-        self.tell_filter(&A_m, v, report);
+        report.add(&of_K_g, &v.matrix(self.K_gd).into_owned(), "", "gain of the reference");
+        self.report_filter(&A_m, v, report);
         report.section("Sampled loop");
         let (T, delay) = (v[self.sample_time], v.get(self.delay_steps) as f64);
         let note = "the communication step may be shorter, but not longer";
-        report.tell(&v.name(self.sample_time), T, "s", note);
+        report.add(&v.name(self.sample_time), T, "s", note);
         if report.step > T * (1.0 + 1e-6) {
             let note = format!("longer than {}: several samples use the same inputs", v.name(self.sample_time));
             report.judge("default step", report.step, "s", Verdict::NotSound, note);
         }
         let note =
             format!("assumed by the design: {} samples from a measurement until its control acts", number(delay));
-        report.tell("dead time", delay * T, "s", &note);
+        report.add("dead time", delay * T, "s", &note);
         if self.x.len() > MOST_STATES || self.filter.order() > MOST_FILTER_STATES {
             let note = format!(
                 "the check would take too long with more than {MOST_STATES} states of the plant, or more than \
@@ -60,12 +60,12 @@ impl L1Sampled {
             report.judge("stability", "not checked", "", Verdict::NotSound, note);
             return;
         }
-        self.tell_loop(&self.nominal_loop(&A_m, v), v, report);
-        self.tell_noise(v, report);
+        self.report_loop(&self.nominal_loop(&A_m, v), v, report);
+        self.report_noise(v, report);
     }
 
     /// Plants with the controller as it is for short samples: one that is its filter 1/s and matched estimates.
-    fn tell_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_plants(&self, v: &Values<f64>, report: &mut DesignReport) {
         let is_nominal = v.matrix(self.W_0).is_identity(0.0);
         let SampledFilter::Integrator { K: k, .. } = &self.filter else { return };
         if self.plant.B_um.ncols() > 0 || !is_nominal {
@@ -79,11 +79,11 @@ impl L1Sampled {
             is_inside: false,
         };
         let unit = unit(self.u, [self.u_min, self.u_max], v, v[self.sample_time]);
-        plants::tell(&self.plant, &numbers, &unit, report);
+        plants::report_robustness(&self.plant, &numbers, &unit, report);
     }
 
     /// The filter, in a loop with the nominal input gain, where it isn't 1/s.
-    fn tell_filter(&self, A_m: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_filter(&self, A_m: &DMatrix<f64>, v: &Values<f64>, report: &mut DesignReport) {
         let SampledFilter::General(filter) = &self.filter else { return };
         let (name, dynamics) = self.filtered_dynamics(A_m, v);
         let Ok(continuous) = filter.continuous((&name, &dynamics), &self.plant, v) else { return };
@@ -95,7 +95,7 @@ impl L1Sampled {
         }
     }
 
-    fn tell_loop(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_loop(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
         let Some(poles) = nominal.poles(1.0, 0.0) else {
             report.judge(
                 "poles",
@@ -107,13 +107,13 @@ impl L1Sampled {
             return;
         };
         let largest = poles.first().map_or(0.0, |pole| pole.norm());
-        report.tell("poles", texts(&poles), "", "of the loop with the nominal plant, sample by sample");
+        report.add("poles", texts(&poles), "", "of the loop with the nominal plant, sample by sample");
         if largest >= 1.0 {
             let note = "must be below 1: the loop with the nominal plant is unstable".to_owned();
             report.judge("largest magnitude of the poles", largest, "", Verdict::NotSound, note);
             return;
         }
-        report.tell("largest magnitude of the poles", largest, "", "below 1: stable");
+        report.add("largest magnitude of the poles", largest, "", "below 1: stable");
         let of_delay = v.name(self.delay_steps);
         match nominal.delay_margin(MOST_LATE) {
             Some(late) if late < 0.5 * nominal.T => {
@@ -123,16 +123,14 @@ impl L1Sampled {
                 );
                 report.judge("delay margin", late, "s", Verdict::Warning, note);
             }
-            Some(late) => {
-                report.tell("delay margin", late, "s", &format!("in addition to the dead time of {of_delay}"))
-            }
-            None => report.tell_unlimited("delay margin", "s", &format!("the loop tolerates {MOST_LATE} samples")),
+            Some(late) => report.add("delay margin", late, "s", &format!("in addition to the dead time of {of_delay}")),
+            None => report.add_unlimited("delay margin", "s", &format!("the loop tolerates {MOST_LATE} samples")),
         }
-        self.tell_gains(nominal, v, report);
+        self.report_gains(nominal, v, report);
     }
 
     /// Between which input gains of the true plant the loop is stable.
-    fn tell_gains(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_gains(&self, nominal: &Nominal, v: &Values<f64>, report: &mut DesignReport) {
         let note = format!(
             "input gain of the true plant relative to {}, the same in all channels, that the loop tolerates",
             v.name(self.W_0)
@@ -144,14 +142,14 @@ impl L1Sampled {
                     let note = format!("{note}. A shorter sample time or a smaller feedback_gain widens the range");
                     report.judge(name, gain, "", Verdict::Warning, note);
                 }
-                Some(gain) => report.tell(name, gain, "", &note),
-                None => report.tell(name, beyond, "", &note),
+                Some(gain) => report.add(name, gain, "", &note),
+                None => report.add(name, beyond, "", &note),
             }
         }
     }
 
     /// Gain from noise in the state to the control.
-    fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         report.section("Noise");
         let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();
         let note = format!(
@@ -159,11 +157,11 @@ impl L1Sampled {
             v.name(self.x),
             v.name(self.u)
         );
-        report.tell("gain of the baseline", &(-W_0_inverse * v.matrix(self.K_d)), "", &note);
+        report.add("gain of the baseline", &(-W_0_inverse * v.matrix(self.K_d)), "", &note);
         let by = self.predictor.as_ref().map_or(self.L_inverse, |predictor| predictor.S);
         let (m, k) = (self.u.len(), self.plant.B_um.ncols());
         let rows = v.matrix(by).rows(0, m).into_owned();
-        report.tell(
+        report.add(
             "gain of the estimate",
             &rows,
             "",
@@ -175,11 +173,11 @@ impl L1Sampled {
         }
         let unmatched = v.matrix(by).rows(m, k).into_owned();
         let note = format!("from {} to {} along B_um", v.name(self.x), v.name(other));
-        report.tell("gain of the unmatched estimate", &unmatched, "", &note);
+        report.add("gain of the unmatched estimate", &unmatched, "", &note);
         if let Some(direct) = filter.direct(v) {
             let note = format!("from noise in {} to {} within a sample", v.name(other), v.name(self.u));
             let W_0_inverse = v.matrix(self.W_0_inverse).into_owned();
-            report.tell("gain of what is unmatched", &(-W_0_inverse * direct), "", &note);
+            report.add("gain of what is unmatched", &(-W_0_inverse * direct), "", &note);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::L1Sampled;
 use crate::catalogue::Catalogued;
-use crate::controllers::l1::template::{found, tell, write_dynamics, write_structure};
+use crate::controllers::l1::template::{describe, found, write_dynamics, write_structure};
 use crate::controllers::template::{stop_time, write_nominal};
 use crate::error::Invalid;
 use crate::template::{Begun, Request, all, diagonal, number, write_limits};
@@ -17,7 +17,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
         text.set("estimate", "\"exact\"", "of the uncertainty; \"published\": by a predictor, weaker at long samples");
     });
     text.table("start");
-    tell(&mut text, (&plant, bandwidth), &design, request);
+    describe(&mut text, (&plant, bandwidth), &design, request);
     text.set("sample_time", number(design.step), "s, how often it acts; a master's step, or a multiple of it");
     text.set("delay_steps", 1, "0: the plant is stepped before the controller; 1: both simultaneously");
     text.set("nominal_input_gain", diagonal(1.0, m), "W_0: effect of the controls, in columns of B");

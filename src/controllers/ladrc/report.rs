@@ -27,14 +27,14 @@ const PER_DECADE: f64 = 200.0;
 const DECADES: f64 = 2.0;
 
 impl Ladrc {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_loop(v, report);
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.report_loop(v, report);
         for i in 0..self.u.len() {
             report.section(&format!("Channel {}", i + 1));
             let (omega_c, omega_o) = (v[self.omega_c][i], v[self.omega_o_in_force][i]);
             let [of_c, of_o] = [v.name(self.omega_c.at(i)), v.name(self.omega_o_in_force.at(i))];
             let poles = format!("of the nominal loop, {} poles at -{of_c}", self.order);
-            report.tell(&of_c, omega_c, "rad/s", &poles);
+            report.add(&of_c, omega_c, "rad/s", &poles);
             let poles = format!("of the observer, {} poles at -{of_o}", self.order + 1);
             if omega_o < APART * omega_c {
                 let given = v.name(self.omega_o.at(i));
@@ -44,22 +44,22 @@ impl Ladrc {
                 );
                 report.judge(&of_o, omega_o, "rad/s", Verdict::Warning, note);
             } else {
-                report.tell(&of_o, omega_o, "rad/s", &poles);
+                report.add(&of_o, omega_o, "rad/s", &poles);
             }
-            self.tell_delay(i, [omega_c, omega_o], v, report);
+            self.report_delay(i, [omega_c, omega_o], v, report);
             // Within a composite, no signal is sampled.
             if report.step > 0.0 {
-                tell_step(&of_o, omega_o, report);
+                report_step(&of_o, omega_o, report);
             }
         }
         let B_0 = v.matrix(self.B_0).into_owned();
         report.section("Input gain");
         let note = "gain from the control to the last derivatives; its error is rejected like any disturbance";
-        report.tell(&v.name(self.B_0), &B_0, "", note);
+        report.add(&v.name(self.B_0), &B_0, "", note);
     }
 
     /// The loop with the plant of the description, whose references' derivatives aren't given.
-    fn tell_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
         let (m, order) = (self.u.len(), self.order);
         let gains =
             |i: usize| Gains { order, omega_c: v[self.omega_c][i], omega_o: v[self.omega_o_in_force][i], b_0: 1.0 };
@@ -74,29 +74,29 @@ impl Ladrc {
             }
         };
         let unit = unit(self.u, [self.u_min, self.u_max], v, report.step);
-        feedback::tell(m, law, &unit, report);
+        feedback::report_robustness(m, law, &unit, report);
     }
 
     /// The delay margin of the loop of a nominal chain of integrators at its input.
-    fn tell_delay(&self, i: usize, bandwidths: [f64; 2], v: &Values<f64>, report: &mut DesignReport) {
+    fn report_delay(&self, i: usize, bandwidths: [f64; 2], v: &Values<f64>, report: &mut DesignReport) {
         let note = format!("at {}, of a loop with a chain of {} integrators", v.name(self.u.at(i)), self.order);
         match delay_margin(self.order, bandwidths) {
-            Some(delay) if delay > 1.5 * report.step => report.tell("delay margin", delay, "s", &note),
+            Some(delay) if delay > 1.5 * report.step => report.add("delay margin", delay, "s", &note),
             Some(delay) => {
                 let lag = number(1.5 * report.step);
                 let note = format!("{note}. Sampling by itself may delay by {lag} s, 1.5 communication steps");
                 report.judge("delay margin", delay, "s", Verdict::Warning, note);
             }
-            None => report.tell_unlimited("delay margin", "s", "the loop's gain is nowhere 1"),
+            None => report.add_unlimited("delay margin", "s", "the loop's gain is nowhere 1"),
         }
     }
 }
 
-fn tell_step(of_o: &str, omega_o: f64, report: &mut DesignReport) {
+fn report_step(of_o: &str, omega_o: f64, report: &mut DesignReport) {
     let (H, longest) = (report.step, SHORT / omega_o);
     let name = format!("longest step for {of_o}");
     if H <= longest {
-        report.tell(&name, no_more(longest, DIGITS), "s", "beyond it, the observer gets too few samples");
+        report.add(&name, no_more(longest, DIGITS), "s", "beyond it, the observer gets too few samples");
         return;
     }
     let note = format!("shorter than the default step, {} s: the observer gets too few samples", number(H));

@@ -40,7 +40,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    first::tell::<ladrc::Ladrc>(&mut text, (&plant, &nominal), &found, &steps, &references);
+    first::describe::<ladrc::Ladrc>(&mut text, (&plant, &nominal), &found, &steps, &references);
     let each = |gain: fn(&ladrc::Gains) -> f64| list(&found.gains.iter().map(gain).collect::<Vec<_>>());
     text.set("omega_c", each(|gains| gains.omega_c), "rad/s, poles of the loop; larger is faster, with more control");
     text.set(

@@ -93,7 +93,7 @@ impl Design {
             ] {
                 v.refuse(!holds, |v| {
                     let allowed = format!("must be {side} 1, the nominal input gain, from which the estimate starts");
-                    Invalid::new(v.name(bound.at(i)), v[bound][i].told(), allowed)
+                    Invalid::new(v.name(bound.at(i)), v[bound][i].to_text(), allowed)
                 });
             }
         }

@@ -76,7 +76,7 @@ impl Mrac {
                 format!(
                     "estimates at a bound: {}. If they stay there, the plant is outside the assumed uncertainty, or noise drives \
                      them. Widen {omega_min} … {omega_max}, {} or {sigma_bound} if tracking suffers; against noise use {}",
-                    count.told(),
+                    count.to_text(),
                     v.name(design.theta_bound),
                     v.name(design.leakage)
                 )

@@ -14,7 +14,7 @@ use crate::system::{DesignReport, Values, Verdict};
 const FAST: f64 = 30.0;
 
 impl Mrac {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
         let design = &self.design;
         let (A_m, of_A_m) = (design.dynamics.A_m(v).into_owned(), design.dynamics.name_of_A_m(v));
         report.section("Reference model");
@@ -22,18 +22,18 @@ impl Mrac {
         if let (Some(A), Some(K_m)) = (&self.plant.A, design.dynamics.gain()) {
             report.eigenvalues("eigenvalues of A", A, false);
             controllability(["controllability", "A", "B"], [A, &self.plant.B], report);
-            report.tell(&v.name(K_m), &v.matrix(K_m).into_owned(), "", "gain of the baseline");
+            report.add(&v.name(K_m), &v.matrix(K_m).into_owned(), "", "gain of the baseline");
         } else {
             controllability(["controllability", &of_A_m, "B"], [&A_m, &self.plant.B], report);
         }
-        report.tell(&v.name(design.K_g), &v.matrix(design.K_g).into_owned(), "", "gain of the reference");
+        report.add(&v.name(design.K_g), &v.matrix(design.K_g).into_owned(), "", "gain of the reference");
         let R = self.references(report);
         let frequency = self.frequency_for(&R, v);
-        self.tell_adaptation(&A_m, (frequency, &R), v, report);
-        self.tell_noise(v, report);
+        self.report_adaptation(&A_m, (frequency, &R), v, report);
+        self.report_noise(v, report);
         self.origins.iter().for_each(|origins| origins.report(self.x, v, report));
         if report.step > 0.0 {
-            self.tell_step(frequency, v, report);
+            self.report_step(frequency, v, report);
         }
     }
 
@@ -60,7 +60,7 @@ impl Mrac {
         self.design.frequency(command.norm_squared().max(in_the_end) + phi + 1.0, v)
     }
 
-    fn tell_adaptation(
+    fn report_adaptation(
         &self,
         A_m: &DMatrix<f64>,
         (frequency, R): (f64, &DVector<f64>),
@@ -69,7 +69,7 @@ impl Mrac {
     ) {
         let gain = v.name(self.design.adaptation_gain);
         report.section("Adaptation");
-        report.tell("frequency at rest", self.design.frequency(1.0, v), "rad/s", "with control and state at zero");
+        report.add("frequency at rest", self.design.frequency(1.0, v), "rad/s", "with control and state at zero");
         let slowest = || eigenvalues::complex(A_m)?.iter().map(|pole| pole.norm()).reduce(f64::min);
         let bandwidth =
             report.nominal().and_then(|nominal| nominal.bandwidth).or_else(slowest).unwrap_or(f64::INFINITY);
@@ -78,7 +78,7 @@ impl Mrac {
         let most = FAST * bandwidth;
         if frequency <= most {
             let note = format!("at most {} times the bandwidth, {} rad/s", number(FAST), number(bandwidth));
-            report.tell(&name, frequency, "rad/s", &note);
+            report.add(&name, frequency, "rad/s", &note);
         } else {
             let reason = "no filter is between adaptation and control, and the tolerated dead time falls as 1/";
             let advised = at_most(v[self.design.adaptation_gain] * (most / frequency).powi(2));
@@ -89,33 +89,33 @@ impl Mrac {
         }
         let note =
             "about as long a dead time the oscillation of estimates and plant tolerates; longer ones make it chatter";
-        report.tell("tolerated dead time", self.design.dead_time(frequency, v), "s", note);
+        report.add("tolerated dead time", self.design.dead_time(frequency, v), "s", note);
     }
 
-    fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         let leakage = v.name(self.design.leakage);
         if v[self.design.leakage] == 0.0 {
             let note = "noise of x drives the estimates on and on, until their bounds stop them";
             let note = format!("{note}. Use {leakage} above 0, or narrow bounds, where x is measured with noise");
-            report.tell("drift of estimates by noise", "bounded", "", &note);
+            report.add("drift of estimates by noise", "bounded", "", &note);
         } else {
             let note = format!("the estimates leak with {leakage} |e|, which noise keeps above 0");
-            report.tell("drift of estimates by noise", "none", "", &note);
+            report.add("drift of estimates by noise", "none", "", &note);
         }
     }
 
-    fn tell_step(&self, frequency: f64, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_step(&self, frequency: f64, v: &Values<f64>, report: &mut DesignReport) {
         let [first, at_once] = self.design.longest_steps(frequency, v);
         report.section("Communication step");
-        report.tell("longest step, plant stepped first", no_more(first, DIGITS), "s", "0.2 rad of the oscillation");
+        report.add("longest step, plant stepped first", no_more(first, DIGITS), "s", "0.2 rad of the oscillation");
         let name = "longest step";
         let of = "half of the tolerated dead time: any order of components";
         if report.step <= at_once {
-            report.tell(name, no_more(at_once, DIGITS), "s", of);
+            report.add(name, no_more(at_once, DIGITS), "s", of);
         } else if report.step <= first {
             let note =
                 format!("{of}. The default step, {} s, requires that the plant is stepped first", number(report.step));
-            report.tell(name, no_more(at_once, DIGITS), "s", &note);
+            report.add(name, no_more(at_once, DIGITS), "s", &note);
         } else {
             let [step, first] = [number(report.step), at_most(first)];
             let gain = v.name(self.design.adaptation_gain);

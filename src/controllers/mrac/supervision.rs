@@ -30,7 +30,7 @@ impl Mrac {
     fn judge_step<S: Scalar>(&self, step: S, v: &mut Point<S>) {
         let Sampling { sample_time, clock } = &self.samples.sampling;
         let overrun = clock.is_overrun(step, &v.values());
-        self.supervised.judge(overrun, v, |v| clock.told_overrun(step, v, &v.name(*sample_time)));
+        self.supervised.judge(overrun, v, |v| clock.overrun_warning(step, v, &v.name(*sample_time)));
         let acts = larger(step, v[clock.period]);
         let frequency = v[self.adaptation_frequency];
         let [first, at_once] = self.design.longest_steps(frequency, &v.values());

@@ -82,7 +82,7 @@ impl MracPpf {
                 format!(
                     "estimates at their bound: {}. The plant is farther from A than {} allows, or noise drives the estimates: \
                      against noise use {}",
-                    count.told(),
+                    count.to_text(),
                     v.name(theta_bound),
                     v.name(theta_leakage)
                 )

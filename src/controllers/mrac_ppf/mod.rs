@@ -286,7 +286,7 @@ impl System for MracPpf {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 
     fn step_completed<S: Scalar>(&self, t: S, step: S, v: &mut Point<S>) {
@@ -387,7 +387,7 @@ impl MracPpf {
                 )
             });
         });
-        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, |_| moved.told(step, ", or a single FMU")));
+        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, |_| moved.warning(step, ", or a single FMU")));
     }
 }
 

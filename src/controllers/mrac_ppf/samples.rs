@@ -91,10 +91,10 @@ impl MracPpf {
         let moved = self.moves.look(self.u, step, v);
         v.put(self.step_too_long, too_long | moved.flag);
         v.when(too_long, |v| {
-            v.warn(self.long_step, |v| clock.told_overrun(step, v, &v.name(*sample_time)));
+            v.warn(self.long_step, |v| clock.overrun_warning(step, v, &v.name(*sample_time)));
         });
         // The control moves once a sample.
-        let told = |_: &Values<S>| moved.told(larger(step, period), ", or a single FMU");
-        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, told));
+        let warning = |_: &Values<S>| moved.warning(larger(step, period), ", or a single FMU");
+        v.when(moved.flag & !too_long, |v| v.warn(self.long_step, warning));
     }
 }

@@ -12,31 +12,31 @@ use crate::system::{DesignReport, Values, Verdict};
 const FASTER: f64 = 3.0;
 
 impl MracPpfUnmatched {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
         let A_m = v.matrix(self.A_m).into_owned();
         report.section("Reference model");
         report.eigenvalues(&format!("eigenvalues of {}", v.name(self.A_m)), &A_m, true);
         report.eigenvalues("eigenvalues of A", &self.plant.A, false);
-        report.tell(&v.name(self.K_g), &v.matrix(self.K_g).into_owned(), "", "gain of the reference");
+        report.add(&v.name(self.K_g), &v.matrix(self.K_g).into_owned(), "", "gain of the reference");
         report.section("Funnel");
         self.funnel.report(v, report);
         report.section("Input gain");
         let sizes = self.plant.inverse.singular_values();
         let note = "the proof covers any input gain B (I + D) if the largest singular value of D is below this";
-        report.tell("error of the input gain", sizes.min() / sizes.max(), "", note);
-        self.tell_noise(v, report);
+        report.add("error of the input gain", sizes.min() / sizes.max(), "", note);
+        self.report_noise(v, report);
         self.origins.iter().for_each(|origins| origins.report(self.x, v, report));
         for &driven in &self.plant.unmatched {
-            self.tell_unmatched(driven, v, report);
+            self.report_unmatched(driven, v, report);
         }
-        self.tell_limits(v, report);
+        self.report_limits(v, report);
         if report.step > 0.0 {
-            self.tell_step(v, report);
+            self.report_step(v, report);
         }
     }
 
     /// Drift of θ̂ due to noise of x.
-    fn tell_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_noise(&self, v: &Values<f64>, report: &mut DesignReport) {
         let [bound, leakage] = [self.theta_bound, self.theta_leakage].map(|it| v.name(it));
         let leaks = &v[self.theta_leakage];
         report.section("Estimates");
@@ -44,23 +44,23 @@ impl MracPpfUnmatched {
             let note = format!("mean of theta_hat with {leakage}, times the standard deviation of the noise of x");
             // s² over s √(2/π), the mean magnitude of what is normally distributed.
             let bias = DMatrix::from_fn(1, leaks.len(), |_, i| (0.5 * std::f64::consts::PI).sqrt() / leaks[i]);
-            report.tell("bias of theta_hat by noise", &bias, "", &note);
+            report.add("bias of theta_hat by noise", &bias, "", &note);
         } else {
             let helps = format!("Use {leakage} above 0, or a small {bound}, where x is measured with noise");
             let note = format!("noise of x drives theta_hat on and on, until {bound} stops it. {helps}");
-            report.tell("drift of theta_hat by noise", "bounded", "", &note);
+            report.add("drift of theta_hat by noise", "bounded", "", &note);
         }
     }
 
     /// The rule for the gains of an unmatched row: √(γ (1 + |x|²))/ρ_∞ below a third of the barrier's rate.
-    fn tell_unmatched(&self, Driven { row, by }: Driven, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_unmatched(&self, Driven { row, by }: Driven, v: &Values<f64>, report: &mut DesignReport) {
         let [gamma, K, end] = [v.name(self.gamma.at(row)), v.name(self.K_epsilon.at(by)), self.funnel.name_of_end(v)];
         let (x_row, x_by) = (v.name(self.x.at(row)), v.name(self.x.at(by)));
         report.section(&format!("Unmatched row {}, driven by state {}", row + 1, by + 1));
         let rate = self.barrier_rate(by, v);
-        report.tell("rate of the barrier", rate, "1/s", &format!("{K} divided by the square of {end} of {x_by}"));
+        report.add("rate of the barrier", rate, "1/s", &format!("{K} divided by the square of {end} of {x_by}"));
         let adaptation = v[self.gamma][row].sqrt() / self.funnel.narrowest(row, v);
-        report.tell(
+        report.add(
             "rate of the adaptation at x = 0",
             adaptation,
             "1/s",
@@ -69,11 +69,11 @@ impl MracPpfUnmatched {
         let name = format!("largest |x| for {gamma}");
         let room = (rate / (FASTER * adaptation)).powi(2);
         if adaptation == 0.0 {
-            report.tell_unlimited(&name, "", "nothing of this row is estimated");
+            report.add_unlimited(&name, "", "nothing of this row is estimated");
         } else if room > 1.0 {
             let note = "2-norm up to which the adaptation stays below a third of the barrier's rate; above it the \
                 loop oscillates";
-            report.tell(&name, (room - 1.0).sqrt(), "", note);
+            report.add(&name, (room - 1.0).sqrt(), "", note);
         } else {
             let note = format!(
                 "the adaptation must stay below a third of the barrier's rate, otherwise the loop oscillates or \
@@ -86,10 +86,10 @@ impl MracPpfUnmatched {
         let side = if entry > 0.0 { "above" } else { "below" };
         let note =
             format!("the proof requires {theta} to stay {side} this, otherwise the virtual control reverses {x_by}");
-        report.tell(&format!("bound of {theta}"), -entry, "", &note);
+        report.add(&format!("bound of {theta}"), -entry, "", &note);
     }
 
-    fn tell_limits(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_limits(&self, v: &Values<f64>, report: &mut DesignReport) {
         use crate::mathematics::limits::UNLIMITED;
         report.section("Limits");
         let is_limited = |k: &usize| v[self.u_min][*k] > -UNLIMITED || v[self.u_max][*k] < UNLIMITED;
@@ -99,14 +99,14 @@ impl MracPpfUnmatched {
         }
     }
 
-    fn tell_step(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_step(&self, v: &Values<f64>, report: &mut DesignReport) {
         let stiffness = self.stiffness(v);
         report.section("Communication step");
         let note = "fastest rate at which a barrier brings an error back, where its funnel is narrowest";
-        report.tell("s", stiffness, "1/s", note);
+        report.add("s", stiffness, "1/s", note);
         let (name, longest) = ("longest step", 1.0 / stiffness);
         if report.step <= longest {
-            report.tell(name, no_more(longest, DIGITS), "s", "1/s; 2/s if the plant is stepped first");
+            report.add(name, no_more(longest, DIGITS), "s", "1/s; 2/s if the plant is stepped first");
         } else {
             let step = number(report.step);
             let note =

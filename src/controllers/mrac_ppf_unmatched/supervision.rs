@@ -63,7 +63,7 @@ impl MracPpfUnmatched {
                 format!(
                     "{} of the estimates at a bound: if this lasts, only the barriers act against the rest. Widen \
                      {theta_bound} or {sigma_bound} if tracking suffers",
-                    count.told()
+                    count.to_text()
                 )
             });
         });

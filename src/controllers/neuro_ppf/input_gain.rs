@@ -50,7 +50,7 @@ impl InputGainNetwork {
     pub fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
         let g = v[self.g_network_initial];
         if g != 0.0 {
-            report.tell("input gain at the start", g, "", &v.name(self.g_network_initial));
+            report.add("input gain at the start", g, "", &v.name(self.g_network_initial));
             return;
         }
         let note = format!(

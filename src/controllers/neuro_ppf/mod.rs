@@ -228,7 +228,7 @@ impl System for NeuroPpf {
     }
 
     fn report(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_design(v, report);
+        self.report_design(v, report);
     }
 
     fn check<S: Scalar>(&self, t: S, v: &mut Point<S>) {
@@ -247,7 +247,7 @@ impl System for NeuroPpf {
         self.jumps.iter().for_each(|jumps| jumps.look(t, v));
         let moved = self.moves.look(self.u, step, v);
         v.put(self.step_too_long, moved.flag);
-        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.told(step, ", or a single FMU")));
+        v.when(moved.flag, |v| v.warn(self.long_step, |_| moved.warning(step, ", or a single FMU")));
     }
 }
 

@@ -7,7 +7,7 @@ use super::Observer;
 use crate::controllers::l1::controllability;
 use crate::design::digits;
 use crate::design::robustness::place::Place;
-use crate::design::robustness::report::{Described, tell_number};
+use crate::design::robustness::report::{Described, report_number};
 use crate::design::robustness::uncertain::Uncertain;
 use crate::eigenvalues;
 use crate::system::{DesignReport, Values};
@@ -17,28 +17,28 @@ use crate::template::three_digits;
 const TO_2_PERCENT: f64 = 3.912;
 
 impl Observer {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
         let k_l = self.k_l.matrix(v).into_owned();
         report.section("Observer");
         report.eigenvalues("eigenvalues of A", &self.A, false);
         report.eigenvalues("eigenvalues of A - k_l C", &(&self.A - &k_l * &self.C), true);
         controllability(["observability", "A", "C"], [&self.A.transpose(), &self.C.transpose()], report);
-        report.tell("k_l", &k_l, "", "gain of the output error");
-        self.tell_estimate(v, report);
+        report.add("k_l", &k_l, "", "gain of the output error");
+        self.report_estimate(v, report);
         report.section("Adaptation");
         let leak = v[self.Gamma_l] * v[self.sigma_l];
         let (beta, delta) = (v.name(self.beta), v.name(self.delta));
         let (gain, leakage, error) = (v.name(self.Gamma_l), v.name(self.sigma_l), v.name(self.y_tilde));
         let note = format!("{gain} {leakage}: rate at which {beta} falls where {error} is 0");
-        report.tell(&format!("leakage of {beta}"), leak, "1/s", &note);
+        report.add(&format!("leakage of {beta}"), leak, "1/s", &note);
         let rest = v[self.d_0] / v[self.lambda_0];
         let note = format!("{}/{}, where {} is 0", v.name(self.d_0), v.name(self.lambda_0), v.name(self.y));
-        report.tell(&format!("{delta} at rest"), rest, "", &note);
-        report.tell(&format!("decay of {delta}"), v[self.lambda_0], "1/s", "");
+        report.add(&format!("{delta} at rest"), rest, "", &note);
+        report.add(&format!("decay of {delta}"), v[self.lambda_0], "1/s", "");
     }
 
     /// Reports the decay of the estimation error with the plant of the description, and its rest in steady state.
-    fn tell_estimate(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_estimate(&self, v: &Values<f64>, report: &mut DesignReport) {
         let m = self.C.nrows();
         let Some(described) = report.nominal().and_then(|nominal| Described::new(nominal, m)) else { return };
         let plant = &described.plant;
@@ -48,7 +48,7 @@ impl Observer {
         let slowest = poles.iter().map(|pole| -pole.re).fold(f64::INFINITY, f64::min);
         report.section("Nominal plant");
         let time = three_digits(TO_2_PERCENT / slowest);
-        report.tell(
+        report.add(
             "decay of the estimate's error",
             time,
             "s",
@@ -61,7 +61,7 @@ impl Observer {
         let (drawn, seed) = described.drawn;
         let mut places = vec![Place::nominal(plant.size())];
         places.extend(plant.bounds.drawn(drawn, seed));
-        tell_number(&places, report);
+        report_number(&places, report);
         // The gain in the coordinates of the uncertain plant, with time in 1/W.
         let gain = DMatrix::from_fn(k_l.nrows(), m, |i, j| k_l[(i, j)] / plant.scales[i] / plant.bandwidth);
         let known = v.get(self.known_input);
@@ -71,7 +71,7 @@ impl Observer {
         let note =
             "of each state at most, in its unit, while outputs are at their references: what the plant differs by";
         let row = DMatrix::from_row_slice(1, worst.len(), worst.as_slice());
-        report.tell("error of the estimate at rest", &row, "", note);
+        report.add("error of the estimate at rest", &row, "", note);
         let off = worst.iter().copied().map(digits).collect::<Vec<_>>().join(", ");
         report.summarise(format!("{settles}; worst of {} plants: off by {off} at rest", places.len()));
     }

@@ -23,17 +23,17 @@ const LONGEST: f64 = 0.43;
 const APART: f64 = 2.0;
 
 impl Pid {
-    pub(super) fn tell_design(&self, v: &Values<f64>, report: &mut DesignReport) {
-        self.tell_loop(v, report);
+    pub(super) fn report_design(&self, v: &Values<f64>, report: &mut DesignReport) {
+        self.report_loop(v, report);
         for i in 0..self.I.len() {
             report.section(&format!("Channel {}", i + 1));
-            self.tell_derivative(i, v, report);
-            self.tell_limits(i, v, report);
+            self.report_derivative(i, v, report);
+            self.report_limits(i, v, report);
         }
     }
 
     /// The loop with the plant of the description.
-    fn tell_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_loop(&self, v: &Values<f64>, report: &mut DesignReport) {
         let m = self.I.len();
         let gains = |i: usize| Gains { K_p: v[self.K_p][i], K_i: v[self.K_i][i], K_d: v[self.K_d][i], N: v[self.N][i] };
         let (gains, S): (Vec<_>, _) = ((0..m).map(gains).collect(), v.matrix(self.S).into_owned());
@@ -48,14 +48,14 @@ impl Pid {
             }
         };
         let unit = unit(self.u, [self.u_min, self.u_max], v, report.step);
-        feedback::tell(m, law, &unit, report);
+        feedback::report_robustness(m, law, &unit, report);
     }
 
-    fn tell_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
         let [K_p, K_d, N] = [self.K_p, self.K_d, self.N].map(|parameter| v[parameter][i]);
         let [of_K_p, of_K_d, of_N] = [self.K_p, self.K_d, self.N].map(|parameter| v.name(parameter.at(i)));
         let note = format!("{of_K_p} + {of_K_d} {of_N}, from measurement noise in {}", v.name(self.y.at(i)));
-        report.tell("gain at high frequencies", K_p + K_d * N, "", &note);
+        report.add("gain at high frequencies", K_p + K_d * N, "", &note);
         if K_d == 0.0 {
             return;
         }
@@ -65,20 +65,20 @@ impl Pid {
             let note = format!("{note}, which leaves it hardly any effect. Choose {of_N} of {least} rad/s or more");
             report.judge("corner frequency", K_p / K_d, "rad/s", Verdict::Warning, note);
         } else {
-            report.tell("corner frequency", K_p / K_d, "rad/s", &note);
+            report.add("corner frequency", K_p / K_d, "rad/s", &note);
         }
         // Within a composite, no signal is sampled.
         if report.step > 0.0 {
-            self.tell_held(i, v, report);
+            self.report_sampled_derivative(i, v, report);
         }
     }
 
-    fn tell_held(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_sampled_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
         let (N, H, kept) = (v[self.N][i], report.step, kept(v[self.N][i] * report.step));
         let (of_D, of_N) = (v.name(self.D.at(i)), v.name(self.N.at(i)));
         let note = format!("part of {of_D} that is left at the end of a communication step of {} s", number(H));
         if kept >= KEPT {
-            report.tell("sampled derivative", kept, "", &note);
+            report.add("sampled derivative", kept, "", &note);
             return;
         }
         let (step, rate) = (at_most(LONGEST / N), at_most(LONGEST / H));
@@ -90,7 +90,7 @@ impl Pid {
     }
 
     /// Reports the limits of a controller that has some.
-    fn tell_limits(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
+    fn report_limits(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
         let limited = v[self.u_min].iter().any(|&min| min > -UNLIMITED)
             || v[self.u_max].iter().any(|&max| max < UNLIMITED)
             || self.u_achieved.is_some();
@@ -99,7 +99,7 @@ impl Pid {
         }
         let (time, name, of_I) = (v[self.T_t][i], v.name(self.T_t.at(i)), v.name(self.I.at(i)));
         if time > 0.0 {
-            report.tell(&name, time, "s", &format!("time constant with which {of_I} tracks the limited control"));
+            report.add(&name, time, "s", &format!("time constant with which {of_I} tracks the limited control"));
         } else {
             let given = v.name(self.tracking_time.at(i));
             let note = format!("{of_I} winds up while a control is at its limit. Set {given} = {BY_GAINS}");

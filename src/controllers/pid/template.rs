@@ -40,7 +40,7 @@ pub fn write(request: &Request) -> Result<Begun, Invalid> {
     let (r, y, u) = (named(&plant.y, "_reference"), named(&plant.y, ""), named(&plant.u, ""));
     write_names(&mut text, &[("r", r), ("y", y), ("u", u)]);
     text.table("start");
-    first::tell::<pid::Pid>(&mut text, (&plant, &nominal), &found, &steps, &references);
+    first::describe::<pid::Pid>(&mut text, (&plant, &nominal), &found, &steps, &references);
     let each = |gain: fn(&pid::Gains) -> f64| list(&found.gains.iter().map(gain).collect::<Vec<_>>());
     text.set("K_p", each(|gains| gains.K_p), "proportional gains");
     text.set("K_i", each(|gains| gains.K_i), "1/s, integral gains");

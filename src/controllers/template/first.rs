@@ -29,7 +29,7 @@ pub fn steps<G>(plant: &Nominal, found: &Found<G>, entry: &Entry) -> Result<Vec<
 }
 
 /// Writes what the nominal loop has, and notes where it isn't what was asked for.
-pub fn tell<L: Law>(
+pub fn describe<L: Law>(
     text: &mut Text,
     (plant, nominal): (&Plant, &Nominal),
     found: &Found<L::Gains>,
@@ -37,7 +37,7 @@ pub fn tell<L: Law>(
     references: &[f64],
 ) {
     let (W, v) = (nominal.bandwidth, found.speed * nominal.bandwidth);
-    tell_steps(text, W, steps, &format!(", maximum sensitivity M_s {}", digits(found.has.modulus)));
+    describe_steps(text, W, steps, &format!(", maximum sensitivity M_s {}", digits(found.has.modulus)));
     if found.speed < 1.0 {
         text.note(&format!(
             "{} rad/s was asked for. The fastest design with stability margins that was found is for {} rad/s.",
@@ -59,11 +59,11 @@ pub fn tell<L: Law>(
             digits(L::MODULUS[0] * factor(nominal))
         ));
     }
-    tell_limits(text, plant, steps, references);
+    describe_limits(text, plant, steps, references);
 }
 
 /// Writes what the steps of all references do, with W, rad/s, and what else the nominal loop has.
-pub fn tell_steps(text: &mut Text, W: f64, steps: &[Step], further: &str) {
+pub fn describe_steps(text: &mut Text, W: f64, steps: &[Step], further: &str) {
     let overshoot = steps.iter().map(|step| 100.0 * step.overshoot).fold(0.0, f64::max);
     let settling = steps.iter().map(|step| step.settling.map(|time| time / W)).collect::<Option<Vec<_>>>();
     let settles = settling.map_or(String::new(), |times| {
@@ -74,7 +74,7 @@ pub fn tell_steps(text: &mut Text, W: f64, steps: &[Step], further: &str) {
 }
 
 /// Notes which steps of references of these sizes the limits of the controls allow.
-pub fn tell_limits(text: &mut Text, plant: &Plant, steps: &[Step], references: &[f64]) {
+pub fn describe_limits(text: &mut Text, plant: &Plant, steps: &[Step], references: &[f64]) {
     let Some([min, max]) = &plant.limits else { return };
     let mut extremes = vec![[0.0_f64; 2]; min.len()];
     for (step, size) in steps.iter().zip(references) {
@@ -136,6 +136,6 @@ pub fn find<L: Law>(nominal: &Nominal, name: &str, integrators: usize) -> Result
     };
     match reasons::at_once(nominal, L::MODULUS[1]) {
         Some(reason) => Err(refuse(reason)),
-        None => search::<L>(nominal).ok_or_else(|| refuse(reasons::told::<L>(nominal, integrators))),
+        None => search::<L>(nominal).ok_or_else(|| refuse(reasons::of_failure::<L>(nominal, integrators))),
     }
 }

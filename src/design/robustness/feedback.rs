@@ -23,15 +23,20 @@ const SLOWEST: f64 = 0.2;
 pub const STEPS: f64 = 1.5;
 
 /// Reports on the loop of a law with the plant of the description, where it has one: `law` makes it for that plant.
-pub fn tell(channels: usize, law: impl Fn(&Described) -> OutputFeedback, unit: &Unit, report: &mut DesignReport) {
+pub fn report_robustness(
+    channels: usize,
+    law: impl Fn(&Described) -> OutputFeedback,
+    unit: &Unit,
+    report: &mut DesignReport,
+) {
     let Some(described) = report.nominal().and_then(|nominal| Described::new(nominal, channels)) else { return };
     let law = law(&described);
     let plant = &described.plant;
     let H = unit.step * plant.bandwidth;
     let region = Region::new(plant, &law, described.drawn);
-    described.tell(&law, &region, unit, report);
+    described.report(&law, &region, unit, report);
     if described.assumed.is_known() {
-        tell_region(&described, &law, &region, H, report);
+        report_region(&described, &law, &region, H, report);
     }
     let closed = law.parts().delayed(&plant.delays).closed(&plant.A, &plant.B);
     let Some(poles) = poles_of(&closed).filter(|poles| poles.iter().all(|pole| pole.re < 0.0)) else { return };
@@ -39,11 +44,11 @@ pub fn tell(channels: usize, law: impl Fn(&Described) -> OutputFeedback, unit: &
     let Some(margins) = margins(plant, &law, &poles) else {
         return report.judge("maximum sensitivity", "not found", "", Verdict::Warning, "the loop is too badly scaled");
     };
-    tell_margins(&margins, plant.bandwidth, unit, report);
-    tell_poles(&poles, &margins, plant.bandwidth, report);
+    report_margins(&margins, plant.bandwidth, unit, report);
+    report_poles(&poles, &margins, plant.bandwidth, report);
 }
 
-fn tell_region(described: &Described, law: &OutputFeedback, region: &Region, H: f64, report: &mut DesignReport) {
+fn report_region(described: &Described, law: &OutputFeedback, region: &Region, H: f64, report: &mut DesignReport) {
     let plant = &described.plant;
     let assumed = &described.assumed;
     let asked = assumed.whole();
@@ -51,13 +56,13 @@ fn tell_region(described: &Described, law: &OutputFeedback, region: &Region, H: 
     if region.is_stable(plant, law, H) {
         let others = assumed.others(region.likely());
         let note = format!("uncertainty up to which all plants tried are stable; asked for: {asked}.{others}");
-        return report.tell("stable up to", assumed.share(stable), "", &note);
+        return report.add("stable up to", assumed.share(stable), "", &note);
     }
     let note = format!("with {asked} some plants are not stable. Use another bandwidth, or a smaller uncertainty");
     report.judge("stable up to", assumed.share(stable), "", Verdict::NotSound, note);
 }
 
-fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignReport) {
+fn report_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignReport) {
     let [bad, usual] = MODULUS;
     let usual = if unit.controls.len() > 1 { OF_SEVERAL } else { usual };
     let note = format!(
@@ -75,16 +80,16 @@ fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignRepor
     let [less, more] = margins.gains;
     let others = if unit.controls.len() > 1 { ", the other channels closed" } else { "" };
     match more {
-        Some(more) => report.tell(
+        Some(more) => report.add(
             "gain margin",
             three_digits(more),
             "",
             &format!("factor of the gain up to which the loop is stable{others}"),
         ),
-        None => report.tell_unlimited("gain margin", "", "any larger gain is stable"),
+        None => report.add_unlimited("gain margin", "", "any larger gain is stable"),
     }
     if let Some(less) = less {
-        report.tell(
+        report.add(
             "least gain",
             three_digits(less),
             "",
@@ -93,9 +98,9 @@ fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignRepor
     }
     match margins.phase {
         Some(phase) => {
-            report.tell("phase margin", three_digits(phase.to_degrees()), "deg", &format!("at a gain of 1{others}"))
+            report.add("phase margin", three_digits(phase.to_degrees()), "deg", &format!("at a gain of 1{others}"))
         }
-        None => report.tell_unlimited("phase margin", "deg", "the loop gain does not cross 1"),
+        None => report.add_unlimited("phase margin", "deg", "the loop gain does not cross 1"),
     }
     let least = STEPS * unit.step;
     match margins.delay.map(|delay| delay / W) {
@@ -107,26 +112,26 @@ fn tell_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignRepor
             );
             report.judge("delay margin", three_digits(delay), "s", Verdict::NotSound, note);
         }
-        Some(delay) => report.tell(
+        Some(delay) => report.add(
             "delay margin",
             three_digits(delay),
             "s",
             "further dead time at the controls with which the loop is stable",
         ),
-        None => report.tell_unlimited("delay margin", "s", "the loop gain does not cross 1"),
+        None => report.add_unlimited("delay margin", "s", "the loop gain does not cross 1"),
     }
     match margins.bandwidth {
-        f64::INFINITY => report.tell_unlimited("bandwidth", "rad/s", "all outputs follow at all frequencies"),
-        band => report.tell("bandwidth", three_digits(band * W), "rad/s", "up to which all outputs follow (-3 dB)"),
+        f64::INFINITY => report.add_unlimited("bandwidth", "rad/s", "all outputs follow at all frequencies"),
+        band => report.add("bandwidth", three_digits(band * W), "rad/s", "up to which all outputs follow (-3 dB)"),
     }
-    report.tell("noise gain", three_digits(margins.noise), "", "largest gain from measurement noise to the controls");
+    report.add("noise gain", three_digits(margins.noise), "", "largest gain from measurement noise to the controls");
     if !margins.zeros.is_empty() {
         let zeros: Vec<_> = margins.zeros.iter().map(|zero| crate::design::complex(zero * W)).collect();
-        report.tell("zeros of the plant", zeros.join(", "), "1/s", "those on the right limit the bandwidth");
+        report.add("zeros of the plant", zeros.join(", "), "1/s", "those on the right limit the bandwidth");
     }
 }
 
-fn tell_poles(poles: &[Complex<f64>], margins: &Margins, W: f64, report: &mut DesignReport) {
+fn report_poles(poles: &[Complex<f64>], margins: &Margins, W: f64, report: &mut DesignReport) {
     let unmoved = Unmoved::new(&margins.poles, &margins.zeros);
     let own: Vec<_> = poles.iter().filter(|pole| !unmoved.is_mode(pole)).collect();
     let Some(damped) = own.iter().map(|pole| damping(pole)).reduce(f64::min) else { return };

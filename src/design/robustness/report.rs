@@ -78,7 +78,7 @@ impl Described {
 
     /// Reports steps of the references, for the nominal plant and the worst of the region, and sums it up. Where a loop
     /// isn't stable it is judged so.
-    pub fn tell(&self, law: &impl LinearLaw, region: &Region, unit: &Unit, report: &mut DesignReport) {
+    pub fn report(&self, law: &impl LinearLaw, region: &Region, unit: &Unit, report: &mut DesignReport) {
         let W = self.plant.bandwidth;
         report.section("Nominal loop");
         let closed = law.parts().delayed(&self.plant.delays).closed(&self.plant.A, &self.plant.B) * W;
@@ -87,8 +87,8 @@ impl Described {
         let Some(nominal) = Stepped::nominal(law, &plant, &self.reference) else {
             return report.summarise("the loop isn't stable".to_owned());
         };
-        self.tell_steps(&nominal, Verdict::Warning, unit, report);
-        let (summary, worst) = self.tell_region(&nominal, law, (region, &plant), unit, report);
+        self.report_steps(&nominal, Verdict::Warning, unit, report);
+        let (summary, worst) = self.report_region(&nominal, law, (region, &plant), unit, report);
         report.summarise(summary);
         let settling = worst.iter().map(|(stepped, _)| stepped.settling).fold(nominal.settling, f64::max);
         let mut places = worst.map_or_else(Vec::new, |(_, places)| places);
@@ -97,7 +97,7 @@ impl Described {
     }
 
     /// The steps of uncertain plants, where they are known: the summary, and the worst with their numbers.
-    fn tell_region(
+    fn report_region(
         &self,
         nominal: &Stepped,
         law: &impl LinearLaw,
@@ -109,11 +109,11 @@ impl Described {
         if !self.assumed.is_known() {
             return (of_nominal, None);
         }
-        tell_number(region.places(), report);
+        report_number(region.places(), report);
         let Some((worst, places)) = Stepped::worst(law, plant, region.places(), &self.reference) else {
             return (format!("{of_nominal}; some plants within the uncertainty are not stable"), None);
         };
-        self.tell_steps(&worst, Verdict::Ok, unit, report);
+        self.report_steps(&worst, Verdict::Ok, unit, report);
         report.worst = self.worst_plants(&places, &["settling time", "overshoot"], unit);
         let more = self.words(&worst, unit);
         (format!("{of_nominal}; worst of {} plants: {more}", region.places().len()), Some((worst, places)))
@@ -153,19 +153,19 @@ impl Described {
     }
 
     /// The figures of steps; what the nominal plant has is judged, the worst of others is what it is.
-    fn tell_steps(&self, stepped: &Stepped, if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
+    fn report_steps(&self, stepped: &Stepped, if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
         let W = self.plant.bandwidth;
         let each = if unit.controls.len() > 1 { ", one reference at a time" } else { "" };
         let note = format!("of a step of the reference{each}: from 10 % to 90 %");
-        report.tell("rise time", three_digits(stepped.rise / W), "s", &note);
+        report.add("rise time", three_digits(stepped.rise / W), "s", &note);
         let settling = three_digits(stepped.settling / W);
         let note = format!("until within {} % of the step about its end", digits(100.0 * stepped.band));
-        report.tell("settling time", settling, "s", &note);
+        report.add("settling time", settling, "s", &note);
         // What rounding leaves is none.
         let overshoot = if stepped.overshoot > 1e-6 { three_digits(100.0 * stepped.overshoot) } else { 0.0 };
-        report.tell("overshoot", overshoot, "%", "beyond the reference");
+        report.add("overshoot", overshoot, "%", "beyond the reference");
         if stepped.undershoot > 1e-3 {
-            report.tell("undershoot", three_digits(100.0 * stepped.undershoot), "%", "the wrong way first");
+            report.add("undershoot", three_digits(100.0 * stepped.undershoot), "%", "the wrong way first");
         }
         if stepped.off > 1e-3 {
             let (verdict, note) = match if_wrong {
@@ -176,21 +176,21 @@ impl Described {
             };
             report.judge("at rest", three_digits(100.0 * stepped.off), "%", verdict, note);
         }
-        self.tell_ranges(&stepped.control, if_wrong, unit, report);
+        self.report_ranges(&stepped.control, if_wrong, unit, report);
     }
 
     /// The range of each control, judged where it is beyond the limits.
-    pub fn tell_ranges(&self, ranges: &[[f64; 2]], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
-        ranges.iter().enumerate().for_each(|(j, range)| self.tell_range(j, *range, if_wrong, unit, report));
+    pub fn report_ranges(&self, ranges: &[[f64; 2]], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
+        ranges.iter().enumerate().for_each(|(j, range)| self.report_range(j, *range, if_wrong, unit, report));
     }
 
-    fn tell_range(&self, j: usize, range: [f64; 2], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
+    fn report_range(&self, j: usize, range: [f64; 2], if_wrong: Verdict, unit: &Unit, report: &mut DesignReport) {
         let limit = unit.limits.map(|limit| limit[j]);
         let [low, high] = limits::without_rounding(range).map(three_digits);
         let (name, value) = (format!("range of {}", unit.controls[j]), DMatrix::from_row_slice(1, 2, &[low, high]));
         let sizes = self.reference.iter().copied().map(digits).collect::<Vec<_>>().join(", ");
         if !limits::is_beyond(range, limit) {
-            return report.tell(&name, &value, "", &format!("for a step of {sizes}"));
+            return report.add(&name, &value, "", &format!("for a step of {sizes}"));
         }
         let allowed = 0.995 * limits::allowed(range, limit);
         let smaller = self.reference.iter().map(|size| digits(size * allowed)).collect::<Vec<_>>().join(", ");
@@ -210,8 +210,8 @@ fn lists(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 }
 
 /// Begins what is found of uncertain plants.
-pub fn tell_number(places: &[Place], report: &mut DesignReport) {
+pub fn report_number(places: &[Place], report: &mut DesignReport) {
     report.section("Uncertain plants");
     let note = "the nominal one, extreme ones of the uncertainty, and others within it";
-    report.tell("plants tried", places.len() as f64, "", note);
+    report.add("plants tried", places.len() as f64, "", note);
 }

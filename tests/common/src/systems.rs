@@ -319,7 +319,7 @@ pub struct Odometer {
     last: ScalarOf<Discrete>,
     way: ScalarOf<Discrete>,
     y: ScalarOf<Signal>,
-    told: Warning,
+    step_taken: Warning,
 }
 
 impl System for Odometer {
@@ -334,7 +334,7 @@ impl System for Odometer {
             last: d.discrete(scalar("last", "length of the last step")),
             way: d.discrete(scalar("way", "sum of all lengths")),
             y: d.output(scalar("y", "1 where the way is above full")),
-            told: d.warning("logWay", "the first step"),
+            step_taken: d.warning("logWay", "the first step"),
         })
     }
     fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
@@ -344,7 +344,7 @@ impl System for Odometer {
         v[self.steps] += 1.0;
         v[self.last] = step;
         v[self.way] += step;
-        v.warn(self.told, |_| "a step".to_owned());
+        v.warn(self.step_taken, |_| "a step".to_owned());
     }
 }
 

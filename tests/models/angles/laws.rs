@@ -192,8 +192,8 @@ fn a_funnel_of_an_angle_re_opens_below_half_a_turn_only() {
             run.step(0.01);
             assert!(run.get("psi[1]") >= 1.25 * error * 0.99 && run.get("psi[1]") < PI);
         } else {
-            let told = run.failure(0.01).to_string();
-            assert!(told.contains("psi[1] = 3.90625") && told.contains("must be below 3.14"), "{told}");
+            let message = run.failure(0.01).to_string();
+            assert!(message.contains("psi[1] = 3.90625") && message.contains("must be below 3.14"), "{message}");
         }
     }
 }

@@ -155,17 +155,17 @@ fn an_angle_that_jumps_and_is_not_declared_is_reported_once() {
                 law.text(3.1, angles),
                 if law.kind == "neuro-ppf" { "on_funnel_exit = 'reopen'\n" } else { "" }
             ));
-            let mut told = Vec::new();
+            let mut messages = Vec::new();
             for (k, psi) in [3.1, 3.12, -3.1, -3.05, 3.1].into_iter().enumerate() {
                 put_inputs(&mut run, &law, 0.0, [psi, 0.0], &|_| [3.1, 0.0, 0.0], UNWRAPPED);
                 if k == 0 {
                     run.0.initialise().unwrap();
                 }
                 run.step(1e-3);
-                told.extend(run.0.take_messages().filter(|message| message.category == "logAngleJump"));
+                messages.extend(run.0.take_messages().filter(|message| message.category == "logAngleJump"));
             }
-            assert_eq!(told.len(), warnings, "{}: {told:?}", law.kind);
-            assert!(told.iter().all(|message| message.text.contains("x[1]")), "{told:?}");
+            assert_eq!(messages.len(), warnings, "{}: {messages:?}", law.kind);
+            assert!(messages.iter().all(|message| message.text.contains("x[1]")), "{messages:?}");
         }
     }
 }
@@ -228,12 +228,16 @@ fn a_funnel_of_an_angle_re_opens_below_half_a_turn_only() {
                     run.get("rho[1]")
                 );
             } else {
-                let told = match run.0.step(run.0.time(), 1e-3) {
-                    Err(told) => told,
+                let refusal = match run.0.step(run.0.time(), 1e-3) {
+                    Err(refusal) => refusal,
                     Ok(_) => run.failure(1e-3),
                 };
-                let told = told.to_string();
-                assert!(told.contains("rho[1] = 3.3") && told.contains("must be below 3.14"), "{}: {told}", law.kind);
+                let refusal = refusal.to_string();
+                assert!(
+                    refusal.contains("rho[1] = 3.3") && refusal.contains("must be below 3.14"),
+                    "{}: {refusal}",
+                    law.kind
+                );
             }
         }
     }

@@ -142,8 +142,8 @@ fn the_page_tells_these_numbers() {
     ] {
         assert!(page.contains(row), "{row}");
     }
-    for told in ["the normalised row has 0.29054 and 49.8 N·m", "from 113 to 50 N·m", "take it to 58", "64.4"] {
-        assert!(page.contains(told), "{told}");
+    for message in ["the normalised row has 0.29054 and 49.8 N·m", "from 113 to 50 N·m", "take it to 58", "64.4"] {
+        assert!(page.contains(message), "{message}");
     }
     assert!(description(super::ROBOT).contains("omega_min = [[0.5, -2.0], [-2.0, 0.5]]"));
 }

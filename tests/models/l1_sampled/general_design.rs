@@ -48,11 +48,11 @@ fn growth(T: f64, d: usize, gain: f64, late: usize) -> f64 {
 #[test]
 fn the_report_tells_what_input_gains_and_dead_times_the_general_form_bears() {
     for (T, d) in [(0.01, 0), (0.02, 1)] {
-        let told = report(&unmatched(T, d).replace("step = 0.01", &format!("step = {T:?}")));
-        assert!(told.findings.iter().all(|finding| finding.verdict != Verdict::NotSound), "{:?}", told.findings);
-        let largest = number(&told, "largest input gain");
+        let found = report(&unmatched(T, d).replace("step = 0.01", &format!("step = {T:?}")));
+        assert!(found.findings.iter().all(|finding| finding.verdict != Verdict::NotSound), "{:?}", found.findings);
+        let largest = number(&found, "largest input gain");
         assert!(growth(T, d, 0.97 * largest, 0) < 1.0 && growth(T, d, 1.03 * largest, 0) > 1.0, "{T}: {largest}");
-        let margin = number(&told, "delay margin");
+        let margin = number(&found, "delay margin");
         let samples = (margin / T).floor() as usize;
         assert!(growth(T, d, 1.0, samples) < 1.0 && growth(T, d, 1.0, samples + 1) > 1.0, "{T}: {margin}");
     }
@@ -61,10 +61,10 @@ fn the_report_tells_what_input_gains_and_dead_times_the_general_form_bears() {
 /// The nominal loop has the poles of the desired dynamics and of the filter's loop.
 #[test]
 fn the_poles_that_the_report_tells_are_those_of_the_plant_and_of_the_filter() {
-    let told = report(&unmatched(0.01, 0));
+    let found = report(&unmatched(0.01, 0));
     // s = −0.9 ± 0.4359j of the desired dynamics is the slowest, then s = −1.
-    near("largest magnitude", number(&told, "largest magnitude of the poles"), (-0.9_f64 * 0.01).exp(), 1e-9);
-    let poles = told.findings.iter().find(|finding| finding.name == "poles of C(s)").unwrap();
+    near("largest magnitude", number(&found, "largest magnitude of the poles"), (-0.9_f64 * 0.01).exp(), 1e-9);
+    let poles = found.findings.iter().find(|finding| finding.name == "poles of C(s)").unwrap();
     let text = format!("{:?}", poles.value);
     // 8 D(s) + 1 = 0: s (s/25 + 1)(s/70 + 1)(s²/1600 + 1.8 s/40 + 1) = −8
     let D = |s: [f64; 2]| {
@@ -162,8 +162,8 @@ fn a_description_that_cant_be_sampled_is_refused_with_the_reason() {
         .replace("feedback_gain = [30.0, 30.0]", "feedback_gain = [[-1e6, 0.0], [0.0, 30.0]]");
     refused(&robot, &["feedback_gain[1,1] = -1000000: must be smaller", "unstable"]);
     // The report describes a loop with an unstable filter if it has numbers, as for an L1 controller.
-    let told = report(&text.replace(gain, "feedback_gain = [[80.0, 0.0], [0.0, 8.0]]"));
-    let bad: Vec<_> = told.findings.iter().filter(|finding| finding.verdict == Verdict::NotSound).collect();
+    let found = report(&text.replace(gain, "feedback_gain = [[80.0, 0.0], [0.0, 8.0]]"));
+    let bad: Vec<_> = found.findings.iter().filter(|finding| finding.verdict == Verdict::NotSound).collect();
     assert!(bad.iter().any(|finding| finding.name == "poles of C(s)"), "{bad:?}");
     // The structure of an L1 controller is that of this law.
     let l1 = description("L1UnmatchedMimo");

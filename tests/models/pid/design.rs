@@ -23,12 +23,12 @@ fn what_is_no_controller_is_refused_by_name_and_value() {
         ("K_p = [1.0, -2.0]", &["K_p[2]", "-2"]),
         ("N = [100.0, 0.0]", &["N[2]", "0"]),
     ] {
-        let told = refused(&alone(2, start));
-        assert!(named.iter().all(|part| told.contains(part)), "{told} names {named:?}");
+        let error = refused(&alone(2, start));
+        assert!(named.iter().all(|part| error.contains(part)), "{error} names {named:?}");
     }
     for channels in [0, 201] {
-        let told = refused(&alone(channels, ""));
-        assert!(told.contains(&format!("channels = {channels}")) && told.contains("1 … 200"), "{told}");
+        let error = refused(&alone(channels, ""));
+        assert!(error.contains(&format!("channels = {channels}")) && error.contains("1 … 200"), "{error}");
     }
 }
 
@@ -126,7 +126,7 @@ fn for_a_plant_that_no_pid_reaches_none_is_begun() {
         (r#"{"A": [[0, 1], [-1, -2]], "B": [0, 1], "C": [0, 1]}"#, "a zero at 0"),
         (r#"{"A": [[0, 1], [5, 4]], "B": [0, 1], "C": [-6, 1]}"#, "M_s of at least 11"),
     ] {
-        let told = begin(&request(json)).unwrap_err().to_string();
-        assert!(told.contains(named), "{json}: {told}");
+        let error = begin(&request(json)).unwrap_err().to_string();
+        assert!(error.contains(named), "{json}: {error}");
     }
 }

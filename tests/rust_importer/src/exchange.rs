@@ -41,10 +41,10 @@ pub fn run(import: &Fmi2Import, start: &[(String, f64)], points: &Points) -> Ans
 
 /// Updates discrete states until none changes, and goes on to Continuous-Time Mode.
 fn settle(unit: &mut InstanceME) -> Answer<()> {
-    let mut told = EventFlags { discrete_states_need_update: true, ..EventFlags::default() };
-    while told.discrete_states_need_update {
-        unit.new_discrete_states(&mut told)?;
-        if told.terminate_simulation {
+    let mut flags = EventFlags { discrete_states_need_update: true, ..EventFlags::default() };
+    while flags.discrete_states_need_update {
+        unit.new_discrete_states(&mut flags)?;
+        if flags.terminate_simulation {
             return Err("the unit asks to end the simulation".into());
         }
     }

@@ -61,14 +61,14 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     }
     let table = |folder: &Path| std::fs::read(begun::path(&folder.join(TABLE))).ok();
     let same = done.folder.as_deref().and_then(table).is_some_and(|csv| Some(csv) == table(folder));
-    differences.iter().for_each(|difference| tell!("differs from {}: {difference}", folder.display()));
+    differences.iter().for_each(|difference| error_line!("differs from {}: {difference}", folder.display()));
     if same {
-        tell!("{TABLE} is identical to that of {}", folder.display());
+        error_line!("{TABLE} is identical to that of {}", folder.display());
     } else {
-        tell!("{TABLE} differs from that of {}", folder.display());
+        error_line!("{TABLE} differs from that of {}", folder.display());
     }
-    let told = json!({ "of": console::path(folder), "differences": differences, "same_numbers": same });
-    run::finish(done, repeated.json, repeated.open, Some(("again", told)))
+    let output = json!({ "of": console::path(folder), "differences": differences, "same_numbers": same });
+    run::finish(done, repeated.json, repeated.open, Some(("again", output)))
 }
 
 /// The options that give these settings.

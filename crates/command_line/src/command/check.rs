@@ -79,11 +79,11 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         let report = json!({ "name": unit.name, "verdict": verdict, "sound": sound, "step": step, "findings": findings,
                     "summary": unit.report.summary, "worst": worst, "pictures": pictures,
                     "worst_case": found.as_ref().map(case_as_json), "text": lines(&unit.name, &unit.report) });
-        say!("{report}");
+        print_line!("{report}");
     } else {
-        say!("{}", lines(&unit.name, &unit.report));
+        print_line!("{}", lines(&unit.name, &unit.report));
         if let Some(found) = &found {
-            say!("\n{}", case_lines(found).join("\n"));
+            print_line!("\n{}", case_lines(found).join("\n"));
         }
     }
     Ok(exit_code(&unit.report))

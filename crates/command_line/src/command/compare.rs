@@ -57,17 +57,17 @@ impl Compared {
         }
     }
 
-    fn told(&self, label: &str) -> Value {
-        let mut told = match self {
-            Compared::Made(run) => run.told(),
+    fn to_json(&self, label: &str) -> Value {
+        let mut output = match self {
+            Compared::Made(run) => run.to_json(),
             Compared::Earlier(run, folder) => {
                 let Report { structure, measured, ending, recording, .. } = run.report();
                 json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured,
                         "warnings": recording.warnings, "results": console::path(folder), "seconds": null })
             }
         };
-        told["label"] = label.into();
-        told
+        output["label"] = label.into();
+        output
     }
 }
 
@@ -114,8 +114,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     files.add(PAGE, html)?;
     files.place()?;
     if *json {
-        let told: Vec<Value> = runs.iter().zip(&comparison.labels).map(|(run, label)| run.told(label)).collect();
-        say!("{}", json!({ "loops": told, "page": console::path(&page) }));
+        let loops: Vec<Value> = runs.iter().zip(&comparison.labels).map(|(run, label)| run.to_json(label)).collect();
+        print_line!("{}", json!({ "loops": loops, "page": console::path(&page) }));
     } else {
         console::text(&comparison.table());
         aside!("page with all plots: {}", page.display());
@@ -123,7 +123,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     open.show(&page);
     for (report, label) in comparison.runs.iter().zip(&comparison.labels) {
         if let Some(shortfall) = report.shortfall() {
-            tell!("{label} {shortfall}");
+            error_line!("{label} {shortfall}");
         }
     }
     let verdicts = comparison.runs.iter().map(adaptive_fmu::results::Report::verdict);

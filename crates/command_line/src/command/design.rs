@@ -110,7 +110,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     };
     write(arguments, &task, &candidates, &order, (best, units.library()))?;
     if arguments.json {
-        say!("{}", as_json(&candidates, &order, arguments));
+        print_line!("{}", as_json(&candidates, &order, arguments));
     } else {
         print(&task, &candidates, &order, arguments);
     }
@@ -238,23 +238,23 @@ fn print(task: &Task, candidates: &[Candidate], order: &[usize], arguments: &Arg
     for row in &rows {
         let shown = (0..COLUMNS.len()).filter(|&column| has_noise || COLUMNS[column] != "noise");
         let cells = shown.map(|column| format!("{:1$}", row[column], widths[column]));
-        say!("{}", cells.collect::<Vec<_>>().join("  ").trim_end());
+        print_line!("{}", cells.collect::<Vec<_>>().join("  ").trim_end());
     }
-    say!("");
+    print_line!("");
     for (place, (kind, design)) in designed.enumerate() {
         match design.reason() {
             None if place == 0 => {
                 let but = shortfall(task, design).map_or_else(String::new, |what| format!(", although {what}"));
-                say!("{}: recommended{but}", kind.name);
+                print_line!("{}: recommended{but}", kind.name);
             }
             None => {}
-            Some(reason) => say!("{}: not sound: {reason}", kind.name),
+            Some(reason) => print_line!("{}: not sound: {reason}", kind.name),
         }
-        design.notes.iter().for_each(|note| say!("{}: {note}", kind.name));
+        design.notes.iter().for_each(|note| print_line!("{}: {note}", kind.name));
     }
     for candidate in candidates {
         if let Err(reason) = &candidate.outcome {
-            say!("{}: {reason}", candidate.kind.name);
+            print_line!("{}: {reason}", candidate.kind.name);
         }
     }
     aside!(

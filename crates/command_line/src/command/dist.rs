@@ -35,15 +35,15 @@ pub struct Arguments {
 pub fn execute(arguments: &Arguments, command: &clap::Command) -> Result<(), Error> {
     let shell = shell_files(command)?;
     let library = Library::beside_program()?.with_other_platforms()?;
-    library.left_out().iter().for_each(|warning| tell!("warning: {warning}"));
+    library.left_out().iter().for_each(|warning| error_line!("warning: {warning}"));
     let programs = exporter::programs()?;
     let form = if arguments.wheels { distribution::write_wheel } else { distribution::write };
     let write = |program: &Binary| form(program, &library, Path::new("."), &shell, &arguments.out);
     let files = programs.iter().map(write).collect::<Result<Vec<_>, _>>()?;
     if arguments.json {
-        say!("{}", json!({ "archives": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
+        print_line!("{}", json!({ "archives": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
     } else {
-        files.iter().for_each(|file| say!("{}", file.display()));
+        files.iter().for_each(|file| print_line!("{}", file.display()));
     }
     Ok(())
 }

@@ -98,10 +98,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let server = server.map_err(Error::file(format!("127.0.0.1:{}", arguments.port)))?;
     let url = server.url();
     if arguments.json {
-        say!("{}", json!({ "url": url }));
+        print_line!("{}", json!({ "url": url }));
     } else {
-        say!("{url}");
-        tell!("the page of {} is at this address, on this machine only. Press Ctrl-C to end", arguments.name);
+        print_line!("{url}");
+        error_line!("the page of {} is at this address, on this machine only. Press Ctrl-C to end", arguments.name);
     }
     thread::spawn(move || server.serve());
     let opens = !arguments.no_open && (arguments.open || stdout().is_terminal() && has_display());
@@ -147,7 +147,7 @@ fn written(arguments: &Arguments, library: &Path) -> Result<ExitCode, Error> {
     }
     let bytes = std::fs::read(library).map_err(Error::file(library))?;
     let page = write_page(&arguments.name, (library, &bytes), &arguments.out)?;
-    say!("{}", page.display());
+    print_line!("{}", page.display());
     Ok(ExitCode::SUCCESS)
 }
 

@@ -145,18 +145,18 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         let (name, before) = (file.display(), &before[file]);
         remark!("{name} was an FMU of FMI {before}, and is one of FMI {} now", standard.version());
     }
-    let told = |files: &[PathBuf]| files.iter().map(|file| console::path(file)).collect::<Vec<_>>();
+    let paths = |files: &[PathBuf]| files.iter().map(|file| console::path(file)).collect::<Vec<_>>();
     if !failures.is_empty() && fmus.is_empty() && loops.is_empty() {
         // Nothing to print.
     } else if *json && ssp.is_empty() {
-        say!("{}", json!({ "fmus": told(&fmus) }));
+        print_line!("{}", json!({ "fmus": paths(&fmus) }));
     } else if *json {
-        say!("{}", json!({ "fmus": told(&fmus), "ssps": told(&loops) }));
+        print_line!("{}", json!({ "fmus": paths(&fmus), "ssps": paths(&loops) }));
     } else {
-        fmus.iter().chain(&loops).for_each(|file| say!("{}", file.display()));
+        fmus.iter().chain(&loops).for_each(|file| print_line!("{}", file.display()));
     }
     if let Some(last) = failures.pop() {
-        failures.iter().for_each(|error| tell!("error: {error}"));
+        failures.iter().for_each(|error| error_line!("error: {error}"));
         return Err(last);
     }
     let Some(name) = run else { return Ok(ExitCode::SUCCESS) };
@@ -200,9 +200,9 @@ impl Arguments {
             }
         }
         if self.json {
-            say!("{}", json!({ "files": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
+            print_line!("{}", json!({ "files": files.iter().map(|file| console::path(file)).collect::<Vec<_>>() }));
         } else {
-            files.iter().for_each(|file| say!("{}", file.display()));
+            files.iter().for_each(|file| print_line!("{}", file.display()));
         }
         Ok(ExitCode::SUCCESS)
     }
@@ -364,13 +364,13 @@ fn export_with_values(names: &[String], values: &Path, library: &Library, out: &
 
 /// Warnings about the packed libraries.
 pub fn warn_of(library: &Library) -> Result<(), Error> {
-    static TOLD: Once = Once::new();
+    static LOGGED: Once = Once::new();
     let slow = !library.describe(None)?.build.optimised;
     let slow =
         slow.then(|| "the library was built without optimisation and is slow. Build it with --release".to_owned());
     let new = library.binaries().iter().filter_map(asks_for_much);
-    let told = slow.into_iter().chain(new).chain(library.left_out().iter().cloned());
-    TOLD.call_once(|| told.for_each(|warning| tell!("warning: {warning}")));
+    let warnings = slow.into_iter().chain(new).chain(library.left_out().iter().cloned());
+    LOGGED.call_once(|| warnings.for_each(|warning| error_line!("warning: {warning}")));
     Ok(())
 }
 
@@ -391,7 +391,7 @@ fn export_whole(name: &str, without: &[String], library: &Library, out: &Path, w
     warn_of(library)?;
     let (source, warnings) = composite(&structure, library)?;
     let file = export_one(&source, library, out, wanted)?;
-    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    warnings.iter().for_each(|warning| error_line!("warning: {warning}"));
     Ok(file)
 }
 
@@ -410,7 +410,7 @@ fn pack_loop(name: &str, library: &Library, out: &Path, wanted: &Wanted) -> Trie
         export_with_choices(&structure, library, new.path(), wanted)?;
     }
     let (file, warnings) = pack(&files, new.path(), out)?;
-    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    warnings.iter().for_each(|warning| error_line!("warning: {warning}"));
     Ok(file)
 }
 

@@ -12,7 +12,7 @@ pub fn execute() -> Result<(), Error> {
     for (file, text) in generated::files(read)? {
         if fs::read_to_string(&file).unwrap_or_default() != text {
             output::write(Path::new(&file), text)?;
-            say!("{file}");
+            print_line!("{file}");
         }
     }
     Ok(())

@@ -24,7 +24,7 @@ use super::linearise::assignment;
 use super::names::Names;
 use super::new::{name_of, place, there_already};
 use super::number::{part, positive};
-use super::tables::told_of;
+use super::tables::log_assumptions;
 
 /// The model was written, and a finding is that it should not be used for a design.
 const UNSOUND: u8 = 3;
@@ -220,9 +220,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     place(out, &[(name_of(out)?.into(), &text_of(&found.model)?, arguments.force)])?;
     let page = page::write(arguments, || page::of_identified(&found, arguments).html())?;
     if arguments.json {
-        say!("{}", as_json(&found)?);
+        print_line!("{}", as_json(&found)?);
     } else {
-        lines(&found, true).iter().for_each(|line| say!("{line}"));
+        lines(&found, true).iter().for_each(|line| print_line!("{line}"));
         aside!("the model is in {}", out.display());
         page.iter().for_each(|page| aside!("the page is {}", page.display()));
     }
@@ -264,7 +264,7 @@ fn read(files: &[PathBuf], arguments: &Arguments) -> Result<Vec<Read>, Error> {
         let found = Record::of_table(&name, &table, arguments.time.as_deref());
         let checksum = sealed::checksum_of_file(file)?;
         let mut found = found.map_err(|refusal| Error::Argument(Invalid::because(refusal)))?;
-        told_of(file, &assumed(&table, arguments.time.as_deref(), found.len()), &table.left_out);
+        log_assumptions(file, &assumed(&table, arguments.time.as_deref(), found.len()), &table.left_out);
         for (k, record) in found.iter_mut().enumerate() {
             let converted = convert(record, &arguments.unit)?;
             // All records of a file have the same columns.

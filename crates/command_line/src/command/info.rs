@@ -32,7 +32,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let description = ModelDescription::read(&xml).map_err(refuse)?;
     let contents = Contents::read(fmu)?;
     if arguments.json {
-        say!("{}", as_json(&description, &contents));
+        print_line!("{}", as_json(&description, &contents));
     } else {
         print(&description, &contents);
     }
@@ -102,7 +102,7 @@ fn interfaces(description: &ModelDescription) -> Vec<&'static str> {
 
 fn print(description: &ModelDescription, contents: &Contents) {
     // What others wrote may hold line ends and control characters.
-    let line = |text: String| say!("{}", one_line(&text));
+    let line = |text: String| print_line!("{}", one_line(&text));
     let or = |list: String, none: &str| if list.is_empty() { none.to_owned() } else { list };
     line(format!("{}: {}", description.name, description.description));
     let tool = or(description.generation_tool.clone(), "an unnamed tool");
@@ -126,8 +126,8 @@ fn print(description: &ModelDescription, contents: &Contents) {
     let capabilities: Vec<_> = description.capabilities.iter().map(|(name, value)| format!("{name} {value}")).collect();
     line(format!("capabilities: {}", capabilities.join(", ")));
     line(format!("log categories: {}", or(description.categories.join(", "), "none")));
-    say!();
-    say!("{:26} {:10} {:10} {:6} {:12} description", "variable", "causality", "changes", "unit", "start");
+    print_line!();
+    print_line!("{:26} {:10} {:10} {:6} {:12} description", "variable", "causality", "changes", "unit", "start");
     for v in &description.variables {
         let (unit, start) =
             (v.unit.as_deref().unwrap_or(""), v.start.as_deref().map_or(String::new(), |start| v.shown(start)));

@@ -94,13 +94,13 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let page_file = league.out.join(PAGE);
     output::write(&page_file, page)?;
     if arguments.json {
-        say!("{}", json!({ "page": console::path(&page_file), "pairs": records, "advice": judged }));
+        print_line!("{}", json!({ "page": console::path(&page_file), "pairs": records, "advice": judged }));
     } else {
-        records.iter().for_each(|record| say!("{}", told(record)));
+        records.iter().for_each(|record| print_line!("{}", pair_line(record)));
         aside!("{}", page_file.display());
     }
     if !complete {
-        tell!("interrupted. Repeat the command to continue");
+        error_line!("interrupted. Repeat the command to continue");
         return Ok(ExitCode::from(progress::INTERRUPTED));
     }
     arguments.open.show(&page_file);
@@ -108,7 +108,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 }
 
 /// A pair in a line.
-fn told(record: &Record) -> String {
+fn pair_line(record: &Record) -> String {
     let held = record.conditions.as_ref().map_or("–".to_owned(), |conditions| {
         let held = conditions.values().filter(|judged| judged.outcome.holds()).count();
         format!("passes {held} of {} conditions", conditions.len())
@@ -172,14 +172,14 @@ impl League {
             json!({ "plant": plant, "controller": controller, "as_one": pair.is_one_unit(), "gains": pair.gains() })
         };
         if arguments.json {
-            say!("{}", json!({ "pairs": pairs.iter().map(listed).collect::<Vec<_>>() }));
+            print_line!("{}", json!({ "pairs": pairs.iter().map(listed).collect::<Vec<_>>() }));
             return Ok(());
         }
         for pair in &pairs {
             let form = if pair.is_one_unit() { "single FMU" } else { "separate FMUs" };
             let gains = pair.entry.tune.join(", ");
             let gains = if gains.is_empty() { "no gains to tune".to_owned() } else { format!("gains {gains}") };
-            say!("{}/{}: {}, {form}; {gains}", pair.plant.name, pair.entry.name, pair.entry.unit);
+            print_line!("{}/{}: {}, {form}; {gains}", pair.plant.name, pair.entry.name, pair.entry.unit);
         }
         Ok(())
     }

@@ -68,7 +68,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let point = OperatingPoint { time, steady_state, start, states, step, ..OperatingPoint::default() };
     let linear = linearise(&fmu, &arguments.trim.apply(point))?;
     if arguments.json {
-        say!("{}", as_json(&linear));
+        print_line!("{}", as_json(&linear));
     } else {
         print(&linear);
     }
@@ -80,7 +80,7 @@ pub fn open_unit(name: &str, hosting: &Hosting) -> Result<Arc<Fmu>, Error> {
     let file = Path::new(name);
     if file.extension().is_some_and(|extension| extension == "fmu") {
         let fmu = Arc::new(Fmu::open_any(file, hosting)?);
-        detail!("{name}: {}", fmu.told());
+        detail!("{name}: {}", fmu.origin());
         return Ok(fmu);
     }
     let ready = ready::units()?;
@@ -88,13 +88,13 @@ pub fn open_unit(name: &str, hosting: &Hosting) -> Result<Arc<Fmu>, Error> {
         Err(Error::Unknown { known, .. }) => {
             warn_of(ready.library())?;
             let (source, warnings) = composite(&find_loop(name, &known)?, ready.library())?;
-            warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+            warnings.iter().for_each(|warning| error_line!("warning: {warning}"));
             source
         }
         description => description?,
     };
     let fmu = ready.fmu(&source)?;
-    detail!("{name}: {}", fmu.told());
+    detail!("{name}: {}", fmu.origin());
     Ok(fmu)
 }
 
@@ -127,12 +127,12 @@ fn print(linear: &Linearisation) {
         Some(trim) if trim.is_steady => "steady state",
         Some(_) => "operating point",
     };
-    say!("{name}, {what} at t = {time} s, {}", told(*method));
-    trim.iter().flat_map(remarks).for_each(|line| say!("{line}"));
-    say!();
+    print_line!("{name}, {what} at t = {time} s, {}", method_text(*method));
+    trim.iter().flat_map(remarks).for_each(|line| print_line!("{line}"));
+    print_line!();
     for (kind, quantities) in [("state", states), ("input", inputs), ("output", outputs)] {
         for Quantity { name, unit, value, .. } in quantities {
-            say!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
+            print_line!("{kind:8} {name:28} {:>14} {}", number(*value), unit.as_deref().unwrap_or(""));
         }
     }
     let derivative = |name: &String| format!("der({name})");
@@ -142,12 +142,12 @@ fn print(linear: &Linearisation) {
     print_matrix("C", c, &rows_of(outputs, plain), states);
     print_matrix("D", d, &rows_of(outputs, plain), inputs);
     if !eigenvalues.is_empty() {
-        say!("\n{:>14} {:>14} {:>10} {:>16}", "eigenvalue, Re", "Im in rad/s", "damping", "frequency, rad/s");
+        print_line!("\n{:>14} {:>14} {:>10} {:>16}", "eigenvalue, Re", "Im in rad/s", "damping", "frequency, rad/s");
     }
     for value in eigenvalues {
         let damping = value.damping.map_or("–".to_owned(), |damping| format!("{damping:.4}"));
         let [real, imaginary, frequency] = [value.real, value.imaginary, value.frequency].map(number);
-        say!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
+        print_line!("{real:>14} {imaginary:>14} {damping:>10} {frequency:>16}");
     }
 }
 
@@ -176,7 +176,7 @@ pub fn remarks(trim: &Trim) -> Vec<String> {
 }
 
 /// Text about how it was found.
-pub fn told(method: Method) -> String {
+pub fn method_text(method: Method) -> String {
     match method {
         Method::Derivatives => "by its exact derivatives".to_owned(),
         Method::Differences { part } => {
@@ -210,9 +210,9 @@ fn print_matrix(name: &str, matrix: &DMatrix<f64>, rows: &[String], columns: &[Q
     let widths: Vec<usize> = columns.iter().map(|column| 2 + length(&column.name).max(14)).collect();
     let titles: Vec<_> =
         columns.iter().zip(&widths).map(|(column, width)| format!("{:>width$}", column.name)).collect();
-    say!("\n{name:first$}{}", titles.concat());
+    print_line!("\n{name:first$}{}", titles.concat());
     for (title, row) in rows.iter().zip(matrix.row_iter()) {
         let values: Vec<_> = row.iter().zip(&widths).map(|(v, width)| format!("{:>width$}", number(*v))).collect();
-        say!("{title:first$}{}", values.concat());
+        print_line!("{title:first$}{}", values.concat());
     }
 }

@@ -35,14 +35,14 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
         let loops = loops.iter().map(|(name, text)| json!({ "name": name, "description": text }));
         let value = json!({ "fmus": Vec::from_iter(fmus), "loops": Vec::from_iter(loops),
                             "kinds": CATALOGUE.iter().map(kind).collect::<Vec<_>>() });
-        say!("{value}");
+        print_line!("{value}");
     } else {
-        say!("FMUs, in FMI 2.0, or in FMI 3.0 with `export --fmi 3`");
-        fmus.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
-        say!("Loops");
-        loops.iter().for_each(|(name, text)| say!("  {name:24} {text}"));
-        say!("Kinds");
-        kinds.for_each(|(name, text)| say!("  {name:24} {text}"));
+        print_line!("FMUs, in FMI 2.0, or in FMI 3.0 with `export --fmi 3`");
+        fmus.iter().for_each(|(name, text)| print_line!("  {name:24} {text}"));
+        print_line!("Loops");
+        loops.iter().for_each(|(name, text)| print_line!("  {name:24} {text}"));
+        print_line!("Kinds");
+        kinds.for_each(|(name, text)| print_line!("  {name:24} {text}"));
     }
     Ok(())
 }

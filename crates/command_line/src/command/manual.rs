@@ -20,7 +20,7 @@ pub fn execute(arguments: &Arguments, command: &clap::Command) -> Result<(), Err
     let mut files = Files::at(&arguments.out);
     pages.iter().try_for_each(|(name, text)| files.add(name, text))?;
     files.place()?;
-    pages.iter().for_each(|(name, _)| say!("{}", arguments.out.join(name).display()));
+    pages.iter().for_each(|(name, _)| print_line!("{}", arguments.out.join(name).display()));
     Ok(())
 }
 

@@ -181,7 +181,7 @@ fn write_unit(kind: &str, name: &str, arguments: &UnitArguments) -> Result<ExitC
     begun.notes.iter().for_each(|note| remark!("{note}"));
     let report = made.report();
     if let Some(reason) = report.reason() {
-        tell!("Not sound: {reason}");
+        error_line!("Not sound: {reason}");
     }
     Ok(if code == ExitCode::SUCCESS { check::exit_code(&report) } else { code })
 }
@@ -234,9 +234,9 @@ fn write(file: &Path, text: &str, with_schema: bool, force: bool) -> Result<(), 
     let mut texts = vec![(PathBuf::from(name_of(file)?), text, force)];
     texts.extend(with_schema.then(|| (PathBuf::from(schema::FILE), schema.as_str(), true)));
     place(file, &texts)?;
-    say!("{}", file.display());
+    print_line!("{}", file.display());
     if with_schema {
-        say!("{}", file.with_file_name(schema::FILE).display());
+        print_line!("{}", file.with_file_name(schema::FILE).display());
     }
     Ok(())
 }

@@ -39,7 +39,7 @@ impl OpenOption {
 /// Opens a page or an address in the user's browser; a warning gives the reason if that fails.
 pub fn show(page: &OsStr) {
     if let Err(reason) = opened(page) {
-        tell!("warning: could not open {} in a browser: {}: {reason}", page.display(), OPENER[0]);
+        error_line!("warning: could not open {} in a browser: {}: {reason}", page.display(), OPENER[0]);
     }
 }
 

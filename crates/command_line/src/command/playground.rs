@@ -34,7 +34,7 @@ pub fn execute(arguments: &Arguments) -> Result<(), Error> {
     let wasm = arguments.wasm.clone().or_else(browser_library).ok_or_else(missing)?;
     let bytes = std::fs::read(&wasm).map_err(Error::file(&wasm))?;
     let page = write_playground((&wasm, &bytes), &chosen(&arguments.library)?, &arguments.out)?;
-    say!("{}", page.display());
+    print_line!("{}", page.display());
     arguments.open.show(&page);
     Ok(())
 }

@@ -35,7 +35,7 @@ fn listen_to_interrupts() {
             }
         });
         if let Err(error) = heard {
-            tell!("warning: Ctrl-C will end the run without results: {error}");
+            error_line!("warning: Ctrl-C will end the run without results: {error}");
         }
         #[cfg(unix)]
         process::listen_to_requests_to_end(INTERRUPTED);
@@ -75,7 +75,7 @@ impl Bars {
     /// Returns bars, and has interrupts caught from now on.
     pub fn new(silent: bool) -> Self {
         listen_to_interrupts();
-        Bars(if silent || console::serves() || !console::tells(Detail::Usual) {
+        Bars(if silent || console::serves() || !console::shows(Detail::Usual) {
             MultiProgress::with_draw_target(ProgressDrawTarget::hidden())
         } else {
             MultiProgress::new()
@@ -83,8 +83,8 @@ impl Bars {
     }
 
     /// A line on stderr, above the bars.
-    pub fn tell(&self, line: &str) {
-        self.0.suspend(|| tell!("{line}"));
+    pub fn print(&self, line: &str) {
+        self.0.suspend(|| error_line!("{line}"));
     }
 }
 
@@ -93,7 +93,7 @@ pub struct Progress {
     bar: ProgressBar,
     settings: Settings,
     begun: Instant,
-    told: Instant,
+    updated: Instant,
 }
 
 impl Progress {
@@ -105,7 +105,7 @@ impl Progress {
         }
         bar.enable_steady_tick(REFRESH);
         let now = Instant::now();
-        Progress { bar, settings, begun: now, told: now }
+        Progress { bar, settings, begun: now, updated: now }
     }
 
     /// Runs until the stop time, the user's interruption or an FMU's failure; the recorded points are returned in any
@@ -132,18 +132,18 @@ impl Progress {
     /// Shows how far the run is.
     fn show(&mut self, time: f64) {
         // Far more often than anyone can read, and writing costs more than a step.
-        if self.told.elapsed() < REFRESH / 2 {
+        if self.updated.elapsed() < REFRESH / 2 {
             return;
         }
-        self.told = Instant::now();
+        self.updated = Instant::now();
         let done = time - self.settings.start_time;
         let speed = done / self.begun.elapsed().as_secs_f64();
-        let told = format!("t = {time:.2} of {} s, {speed:.1} × real time", self.settings.stop_time);
+        let message = format!("t = {time:.2} of {} s, {speed:.1} × real time", self.settings.stop_time);
         if console::serves() {
             let part = done / (self.settings.stop_time - self.settings.start_time);
-            return console::send("progress", &json!({ "done": part, "told": told }), &[]);
+            return console::send("progress", &json!({ "done": part, "told": message }), &[]);
         }
-        self.bar.set_message(told);
+        self.bar.set_message(message);
         self.bar.set_position((done * 1e3) as u64);
     }
 }
@@ -175,8 +175,8 @@ impl Counter {
         self.0.inc(count as u64);
         if console::serves() {
             let (done, runs) = (self.0.position(), self.0.length().unwrap_or(1));
-            let told = format!("{done} of {runs} runs, {message}");
-            console::send("progress", &json!({ "done": done as f64 / runs as f64, "told": told }), &[]);
+            let shown = format!("{done} of {runs} runs, {message}");
+            console::send("progress", &json!({ "done": done as f64 / runs as f64, "told": shown }), &[]);
         }
     }
 

@@ -69,7 +69,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
             let text = text_file::read(file).map_err(Error::file(file))?;
             if text.contains(SINGLE_BEFORE) {
                 let advice = "write `, as a single FMU`; the former name is read until 0.3";
-                tell!("warning: {}: the name of a run ends with `{SINGLE_BEFORE}`: {advice}", file.display());
+                error_line!("warning: {}: the name of a run ends with `{SINGLE_BEFORE}`: {advice}", file.display());
             }
             Study::read(&text).map_err(wrong)?
         }
@@ -80,12 +80,12 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     output::check(&arguments.out, "", &[PAGE])?;
     let outcomes = run_all(&planned, arguments)?;
     if outcomes.iter().any(|outcome| outcome.ending == Ending::Interrupted) {
-        tell!("interrupted: no page was written");
+        error_line!("interrupted: no page was written");
         return Ok(ExitCode::from(progress::INTERRUPTED));
     }
     let done = judged(&planned, outcomes).map_err(wrong)?;
     write(&Page { study: &study, done: &done }, &arguments.out)?;
-    tell(&study, &done, arguments);
+    print_summary(&study, &done, arguments);
     arguments.open.show(&arguments.out.join(PAGE));
     Ok(ExitCode::SUCCESS)
 }
@@ -183,28 +183,28 @@ fn write(page: &Page, folder: &Path) -> Result<(), Error> {
     files.place()
 }
 
-fn tell(study: &Study, done: &[Done], arguments: &Arguments) {
+fn print_summary(study: &Study, done: &[Done], arguments: &Arguments) {
     let page = arguments.out.join(PAGE);
     if arguments.json {
-        let told = study.example.iter().zip(done).map(|(example, done)| {
-            let runs = |outcomes: &[Outcome]| -> Vec<Value> { outcomes.iter().map(told).collect() };
+        let examples = study.example.iter().zip(done).map(|(example, done)| {
+            let runs = |outcomes: &[Outcome]| -> Vec<Value> { outcomes.iter().map(outcome_json).collect() };
             json!({ "example": example.name, "claims": done.claims, "runs": runs(&done.outcomes),
-                    "frozen": runs(&done.frozen), "linear": done.linear.iter().map(|it| it.as_ref().map(told)).collect::<Vec<_>>(),
+                    "frozen": runs(&done.frozen), "linear": done.linear.iter().map(|it| it.as_ref().map(outcome_json)).collect::<Vec<_>>(),
                     "figures": done.drawings.len() })
         });
-        say!("{}", json!({ "examples": told.collect::<Vec<_>>(), "page": console::path(&page) }));
+        print_line!("{}", json!({ "examples": examples.collect::<Vec<_>>(), "page": console::path(&page) }));
         return;
     }
     for (example, done) in study.example.iter().zip(done) {
-        say!("{} {}", example.name, example.title);
+        print_line!("{} {}", example.name, example.title);
         for claim in &done.claims {
-            say!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
+            print_line!("  {:3}  {}: {}", if claim.holds { "yes" } else { "NO" }, claim.claim, claim.measured);
         }
     }
     aside!("page: {}; its figures and their data are in the same folder", page.display());
 }
 
-fn told(outcome: &Outcome) -> Value {
+fn outcome_json(outcome: &Outcome) -> Value {
     json!({ "run": outcome.run, "ended": outcome.ending.word(), "at": outcome.end, "metrics": outcome.measured,
             "seconds": outcome.took.as_secs_f64() })
 }

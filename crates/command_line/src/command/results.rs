@@ -8,7 +8,7 @@ use adaptive_fmu::error::Error;
 use adaptive_fmu::figures::svg;
 use adaptive_fmu::output::Files;
 use adaptive_fmu::results::{
-    FILES, METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, TableMarks, Tabled, told,
+    FILES, METRICS, PARQUET, Provenance, Recorded, Report, TABLE, Table, TableMarks, Tabled, metrics_json,
 };
 use adaptive_fmu::{begun, parallel};
 use serde_json::json;
@@ -98,7 +98,7 @@ pub fn write_results(
         marks = table.finish(&mut files)?;
     }
     let written = json!({ "every": tables.every, "parquet": tables.parquet, FILES: marks });
-    files.add(METRICS, told(report, provenance, &written).to_string())?;
+    files.add(METRICS, metrics_json(report, provenance, &written).to_string())?;
     files.add(PLOT, plot)?;
     files.add(PAGE, page)?;
     files.place()?;

@@ -98,7 +98,7 @@ pub fn finish(done: Run, json: bool, open: OpenOption, further: Option<(&str, Va
     }
     if let Some(error) = done.failure {
         if let Some(folder) = &done.folder {
-            tell!("results until then are in {}", folder.display());
+            error_line!("results until then are in {}", folder.display());
         }
         return Err(error);
     }
@@ -146,7 +146,7 @@ impl Run {
     }
 
     /// JSON for scripts.
-    pub fn told(&self) -> Value {
+    pub fn to_json(&self) -> Value {
         json!({ "loop": self.structure.name, "ended": self.ending.word(), "metrics": self.measured,
                 "warnings": self.recording.warnings, "results": self.folder.as_deref().map(console::path), "seconds": self.took.as_secs_f64() })
     }
@@ -241,8 +241,8 @@ pub fn simulated(
     let Settings { start_time, stop_time, step } = settings;
     let order = if whole { "as a single FMU".to_owned() } else { structure.order.to_string() };
     detail!("{}: from {start_time} s to {stop_time} s in steps of {step} s, {order}", structure.name);
-    let told = loaded.told();
-    told.iter().for_each(|unit| detail!("{}: {unit}", structure.name));
+    let origins = loaded.origins();
+    origins.iter().for_each(|unit| detail!("{}: {unit}", structure.name));
     let mut provenance = options.provenance(name, &files, &structure, settings, &loaded)?;
     let closed = loaded.instantiate(&[])?;
     let place = |(out, tables): (_, &TableOptions)| {
@@ -254,8 +254,8 @@ pub fn simulated(
     let (mut recording, ending, failure) = Progress::new(bars, name, settings)
         .watch(|go_on| closed.run_in_blocks(settings, recorder.block(), |block| recorder.take(block), go_on));
     let took = begun.elapsed().saturating_sub(recorder.took());
-    UnitMark::tell_evaluated(&mut provenance.units, &loaded);
-    let news = loaded.told().into_iter().filter(|unit| !told.contains(unit));
+    UnitMark::note_evaluated(&mut provenance.units, &loaded);
+    let news = loaded.origins().into_iter().filter(|unit| !origins.contains(unit));
     news.for_each(|unit| detail!("{}: {unit}", structure.name));
     recording.details.iter().for_each(|text| detail!("{}: {text}", structure.name));
     let Ended { measured, thinned, table: tabled } = recorder.end(&mut recording)?;
@@ -281,21 +281,21 @@ fn print(done: &Run, json: bool, further: Option<(&str, Value)>) -> Result<(), S
     let Run { structure, recording, measured, folder, .. } = done;
     if let Some(shortfall) = done.report().shortfall() {
         let kept = folder.as_ref().map(|folder| format!("; results until then are in {}", folder.display()));
-        tell!("the run {shortfall}{}", kept.unwrap_or_default());
+        error_line!("the run {shortfall}{}", kept.unwrap_or_default());
     }
     if json {
-        let mut told = done.told();
-        further.into_iter().for_each(|(key, value)| told[key] = value);
-        say!("{told}");
+        let mut output = done.to_json();
+        further.into_iter().for_each(|(key, value)| output[key] = value);
+        print_line!("{output}");
         return Ok(());
     }
     if let Some(plot) = structure.plots.first().filter(|_| console::is_seen()) {
-        say!("{}", terminal(plot, recording)?);
+        print_line!("{}", terminal(plot, recording)?);
     }
-    say!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
+    print_line!("{:44} {:>12} {:>10}", structure.name, "measured", "limit");
     for Measured { label, value, limit } in measured {
         let value = value.map_or("–".to_owned(), four_digits);
-        say!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
+        print_line!("{label:44} {value:>12} {:>10}", limit.map_or(String::new(), |limit| format!("{limit}")));
     }
     recording.warnings.iter().for_each(|warning| aside!("warning: {warning}"));
     if let Some(folder) = folder {

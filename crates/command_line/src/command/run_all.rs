@@ -16,17 +16,17 @@ use super::run::{Arguments, exit_code, run};
 /// A loop's row, and all that is known of it.
 struct Tried {
     row: Row,
-    told: Value,
+    json: Value,
 }
 
 /// Runs the loops on all cores, each as `run` does, and prints a table of them.
 pub fn execute(options: &Arguments) -> ExitCode {
     let tried = on_all_cores(options);
-    let (rows, told): (Vec<Row>, Vec<Value>) = tried.into_iter().map(|tried| (tried.row, tried.told)).unzip();
+    let (rows, output): (Vec<Row>, Vec<Value>) = tried.into_iter().map(|tried| (tried.row, tried.json)).unzip();
     if options.json {
-        say!("{}", json!({ "loops": told }));
+        print_line!("{}", json!({ "loops": output }));
     } else {
-        say!("{}", table(&rows));
+        print_line!("{}", table(&rows));
         aside!("results of each loop: {}/LOOP", options.out().display());
     }
     exit_code(rows.iter().map(|row| row.verdict).max().unwrap_or(Verdict::Holds))
@@ -48,7 +48,7 @@ fn attempt(options: &Arguments, name: &str, bars: &Bars) -> Tried {
         return without_run(Row::without_run(name, Verdict::Interrupted, "not started"), "not started");
     }
     let failed = |error: Error| {
-        bars.tell(&format!("error: {name}: {error}"));
+        bars.print(&format!("error: {name}: {error}"));
         without_run(Row::without_run(name, Verdict::Failed, "could not be run"), &error.to_string())
     };
     let done = match run(options, name, bars) {
@@ -56,18 +56,18 @@ fn attempt(options: &Arguments, name: &str, bars: &Bars) -> Tried {
         Err(error) => return failed(error),
     };
     let row = Row::new(name, &done.report(), done.took);
-    let mut told = done.told();
-    told["verdict"] = json!(row.verdict.word());
+    let mut output = done.to_json();
+    output["verdict"] = json!(row.verdict.word());
     if let Some(error) = &done.failure {
-        told["error"] = json!(error.to_string());
+        output["error"] = json!(error.to_string());
         if row.verdict == Verdict::Failed {
-            bars.tell(&format!("error: {name}: {error}"));
+            bars.print(&format!("error: {name}: {error}"));
         }
     }
-    Tried { row, told }
+    Tried { row, json: output }
 }
 
 fn without_run(row: Row, reason: &str) -> Tried {
-    let told = json!({ "loop": row.name, "verdict": row.verdict.word(), "metrics": [], "error": reason });
-    Tried { row, told }
+    let output = json!({ "loop": row.name, "verdict": row.verdict.word(), "metrics": [], "error": reason });
+    Tried { row, json: output }
 }

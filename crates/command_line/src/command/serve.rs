@@ -60,7 +60,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
             Ok(request) => request,
             // The program that asked waits for the end nevertheless.
             Err(reason) => {
-                tell!("error: {reason}");
+                error_line!("error: {reason}");
                 console::send("end", &json!(NOT_UNDERSTOOD), &[]);
                 continue;
             }
@@ -71,7 +71,7 @@ pub fn execute(answer: impl Fn(&[String]) -> ExitCode) -> ExitCode {
         let code = match env::set_current_dir(&folder) {
             Ok(()) => answer(&words),
             Err(error) => {
-                tell!("error: {}: {error}", folder.display());
+                error_line!("error: {}: {error}", folder.display());
                 ExitCode::FAILURE
             }
         };

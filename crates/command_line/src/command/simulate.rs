@@ -27,7 +27,7 @@ use super::progress::{Bars, Progress};
 use super::results::{NAMES, PAGE, TableOptions, write_results};
 use super::run::{RESULTS, about, exit_code};
 use super::serve;
-use super::tables::told_of;
+use super::tables::log_assumptions;
 use crate::console;
 
 /// Communication step of an FMU that proposes none, and its stop time, s.
@@ -154,7 +154,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     }
     if let Some(error) = failure {
         if let Some(results) = results {
-            tell!("results until then are in {}", results.display());
+            error_line!("results until then are in {}", results.display());
         }
         return Err(error);
     }
@@ -170,7 +170,7 @@ fn inputs(arguments: &Arguments, description: &ModelDescription) -> Result<(Opti
     let Some(file) = &arguments.input else { return Ok((None, None)) };
     let read = if arguments.compare.is_some() { Inputs::read_some } else { Inputs::read };
     let Read { inputs, others, assumed, left_out, .. } = read(file, description)?;
-    told_of(file, &assumed, &left_out);
+    log_assumptions(file, &assumed, &left_out);
     let Some(Names(names)) = &arguments.compare else { return Ok((Some(inputs), None)) };
     let parameters: Vec<_> =
         inputs.variables(description).filter(|v| v.causality == "parameter").map(|v| &*v.name).collect();
@@ -240,7 +240,7 @@ fn structure(fmu: &Fmu, recording: &Recording, settings: Settings, values: &[(St
 fn print(report: &Report, compared: Option<&(Vec<Compared>, Vec<Share>)>, results: Option<&Path>, json: bool) {
     let Report { structure, recording, ending, .. } = report;
     if let Some(shortfall) = report.shortfall() {
-        tell!("the run {shortfall}");
+        error_line!("the run {shortfall}");
     }
     if json {
         let last: serde_json::Map<_, _> = recording
@@ -249,7 +249,7 @@ fn print(report: &Report, compared: Option<&(Vec<Compared>, Vec<Share>)>, result
             .zip(&recording.columns)
             .map(|(name, values)| (name.clone(), json!(values.last())))
             .collect();
-        say!(
+        print_line!(
             "{}",
             json!({ "fmu": structure.name, "ended": ending.word(), "time": report.end(), "last": last,
                            "compared": compared.map(compared_as_json), "warnings": recording.warnings,
@@ -257,12 +257,15 @@ fn print(report: &Report, compared: Option<&(Vec<Compared>, Vec<Share>)>, result
         );
         return;
     }
-    say!("{} until t = {} s", structure.name, report.end());
+    print_line!("{} until t = {} s", structure.name, report.end());
     for (name, values) in recording.names.iter().zip(&recording.columns) {
         let unit = recording.measure(name).unwrap_or("");
-        say!("{name:28} {:>14} {unit}", adaptive_fmu::report::number(values.last().copied().unwrap_or(f64::NAN)));
+        print_line!(
+            "{name:28} {:>14} {unit}",
+            adaptive_fmu::report::number(values.last().copied().unwrap_or(f64::NAN))
+        );
     }
-    compared.into_iter().flat_map(compared_lines).for_each(|line| say!("{line}"));
+    compared.into_iter().flat_map(compared_lines).for_each(|line| print_line!("{line}"));
     recording.warnings.iter().for_each(|warning| aside!("warning: {warning}"));
     if let Some(results) = results {
         aside!("index.html (the report), result.csv and plot.svg are in {}", results.display());

@@ -151,8 +151,8 @@ impl Specification {
         for value in values {
             let (given, text) = value.split_once('=').unwrap_or((value, ""));
             let (full, place) = loaded.settable(given.trim()).map_err(wrong)?;
-            let told = |allowed| wrong(format!("`{full}` = {text}: {allowed}"));
-            loaded.start_value(place, text).map_err(told)?;
+            let refuse = |allowed| wrong(format!("`{full}` = {text}: {allowed}"));
+            loaded.start_value(place, text).map_err(refuse)?;
             options.parameters.set.push(format!("{full}={}", text.trim()));
         }
         Ok(options)

@@ -183,10 +183,10 @@ impl Task {
         let (made_runs, runs) = (made(points).count(), self.sweep.runs());
         let shortfall = (made_runs < runs).then(|| format!("interrupted after {made_runs} of {runs} runs"));
         if let Some(shortfall) = &shortfall {
-            tell!("{shortfall}. Repeat the command to continue");
+            error_line!("{shortfall}. Repeat the command to continue");
         }
         if json {
-            say!("{}", self.told(points, folder));
+            print_line!("{}", self.to_json(points, folder));
             return;
         }
         let width = |name: &str| name.chars().count().max(12);
@@ -208,24 +208,24 @@ impl Task {
             let padded = cells.into_iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}"));
             padded.collect::<Vec<_>>().join("  ")
         };
-        say!("{}", line(head.into_iter().map(str::to_owned).collect()));
+        print_line!("{}", line(head.into_iter().map(str::to_owned).collect()));
         for (run, point) in made(points).take(MOST_ROWS) {
             let values = self.sweep.values(run).into_iter().map(str::to_owned);
             let metrics = shown.iter().map(|(k, _)| point.metric(*k).map_or("–".to_owned(), four_digits));
             let failed = point.failure.as_ref().map_or("", |_| "  failed");
-            say!("{}{failed}", line(values.chain(metrics).collect()));
+            print_line!("{}{failed}", line(values.chain(metrics).collect()));
         }
         if made_runs > MOST_ROWS {
-            say!("… and {} more in {POINTS}", made_runs - MOST_ROWS);
+            print_line!("… and {} more in {POINTS}", made_runs - MOST_ROWS);
         }
         let further: Vec<_> = all.iter().filter(|metric| !shown.contains(metric)).map(|(_, label)| *label).collect();
         if !further.is_empty() {
-            say!("Further metrics are in {POINTS}: {}", further.join("; "));
+            print_line!("Further metrics are in {POINTS}: {}", further.join("; "));
         }
-        say!("{PAGE} (diagrams) and {POINTS} (all runs) are in {}", folder.display());
+        print_line!("{PAGE} (diagrams) and {POINTS} (all runs) are in {}", folder.display());
     }
 
-    fn told(&self, points: &[Option<Point>], folder: &Path) -> Value {
+    fn to_json(&self, points: &[Option<Point>], folder: &Path) -> Value {
         let shown: Vec<_> = self.sweep.metrics(points).collect();
         let point = |(run, point): (usize, &Point)| {
             let metrics = shown.iter().map(|(k, label)| ((*label).to_owned(), json!(point.metric(*k))));

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 /// Prints what was left out, and with `--verbose` what was assumed.
-pub fn told_of(file: &Path, assumed: &[String], left_out: &[String]) {
+pub fn log_assumptions(file: &Path, assumed: &[String], left_out: &[String]) {
     let name = file.display();
     left_out.iter().for_each(|line| remark!("{name}: left out: {line}"));
     assumed.iter().for_each(|line| detail!("{name}: {line}"));

@@ -292,7 +292,7 @@ impl Task {
         let mut ended = Ended { best: swarm.best().cloned(), interrupted: false, runs: 0, reason: None };
         let best = Mutex::new(ended.best.as_ref().map(|best| best.value));
         while swarm.history().len() < self.generations && !ended.interrupted {
-            let tell = |outcome: &Outcome| {
+            let report = |outcome: &Outcome| {
                 let mut best = best.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                 *best = outcome.value().into_iter().chain(*best).reduce(f64::min);
                 let generation = swarm.history().len() + 1;
@@ -301,8 +301,8 @@ impl Task {
             };
             let (positions, bounds) = (swarm.positions(), swarm.bounds_of_values());
             let outcomes = match employed() {
-                Some(workers) => self.search.hand_out(&*workers, &positions, &bounds, tell),
-                None => self.search.run(&positions, &bounds, tell, progress::is_interrupted),
+                Some(workers) => self.search.hand_out(&*workers, &positions, &bounds, report),
+                None => self.search.run(&positions, &bounds, report, progress::is_interrupted),
             };
             ended.note(swarm, &outcomes);
             if !ended.interrupted {

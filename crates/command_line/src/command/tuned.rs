@@ -89,7 +89,7 @@ pub fn print(tuned: &Tuned, json: bool) {
         let parameters: Map<String, Value> =
             tuned.values().map(|(name, value)| (name.to_owned(), json!(value))).collect();
         let again = again.as_ref().map(|(_, outcome)| outcome.value());
-        say!(
+        print_line!(
             "{}",
             json!({ "loop": name, "ended": if ended.interrupted { "interrupted" } else { "complete" },
                     "objective": { "start": start, "best": best.value, "verified": again },
@@ -98,27 +98,27 @@ pub fn print(tuned: &Tuned, json: bool) {
         );
         return;
     }
-    let told = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.6}"));
-    say!("{name:34} {:>14} {:>14}   bounds", "as it is", "tuned");
-    say!("{:34} {:>14} {:>14}", "objective", told(start), told(Some(best.value)));
+    let shown = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.6}"));
+    print_line!("{name:34} {:>14} {:>14}   bounds", "as it is", "tuned");
+    print_line!("{:34} {:>14} {:>14}", "objective", shown(start), shown(Some(best.value)));
     for (k, range) in tuned.ranges().iter().enumerate() {
         let (was, is) = (before.as_ref().map(|before| before.values[k]), best.position[k]);
-        say!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, told(was), range.low, range.high);
+        print_line!("{:34} {:>14} {is:>14.6}   {} … {}", range.name, shown(was), range.low, range.high);
     }
     match again {
-        Some((how, Outcome::Value(value))) => say!("objective of the loop {how}: {value:.6}"),
-        Some((how, Outcome::Failed(reason))) => tell!("warning: the loop {how} fails: {reason}"),
+        Some((how, Outcome::Value(value))) => print_line!("objective of the loop {how}: {value:.6}"),
+        Some((how, Outcome::Failed(reason))) => error_line!("warning: the loop {how} fails: {reason}"),
         _ => {}
     }
     if let Some(reason) = &ended.reason {
-        say!("{} runs failed and count as worst. The last one: {reason}", tuned.failed());
+        print_line!("{} runs failed and count as worst. The last one: {reason}", tuned.failed());
     }
     if ended.interrupted {
-        tell!("interrupted in generation {}. Repeat the command to continue", tuned.swarm.history().len() + 1);
+        error_line!("interrupted in generation {}. Repeat the command to continue", tuned.swarm.history().len() + 1);
     }
-    say!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
+    print_line!("{} runs took {:.1} s", ended.runs, took.as_secs_f64());
     let folder = folder.display();
-    say!(
+    print_line!(
         "{TUNED} (for --case), a parameter set for each component (for export --values), {CONVERGENCE} and {RECORD} \
          are in {folder}"
     );

@@ -33,9 +33,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let report = validation::validate(&arguments.fmu, hosting.as_ref().filter(|_| !arguments.no_run))?;
     let (errors, warnings) = (report.findings.count(Severity::Error), report.findings.count(Severity::Warning));
     if arguments.json {
-        let told = json!({ "sound": report.is_sound(), "errors": errors, "warnings": warnings,
+        let output = json!({ "sound": report.is_sound(), "errors": errors, "warnings": warnings,
                            "findings": report.findings.kept(), "run": ran(&report.trial), "experiments": report.replayed });
-        say!("{told}");
+        print_line!("{output}");
     } else {
         print(&arguments.fmu.display().to_string(), &report, errors, warnings);
     }
@@ -44,21 +44,21 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 
 fn print(fmu: &str, report: &Report, errors: usize, warnings: usize) {
     let kept = report.findings.kept();
-    kept.iter().for_each(|finding| say!("{finding}"));
+    kept.iter().for_each(|finding| print_line!("{finding}"));
     if errors + warnings > kept.len() {
-        say!("… and {} more", errors + warnings - kept.len());
+        print_line!("… and {} more", errors + warnings - kept.len());
     }
     for Replayed { experiment, tolerance, outputs } in &report.replayed {
         let allowed = tolerance.map_or(String::new(), |tolerance| format!(" of {tolerance:e} allowed"));
         for Deviation { output, largest, time, .. } in outputs {
             let largest = short(*largest);
             let line = format!("experiment {experiment}: {output} deviates by {largest}{allowed}, at {time} s");
-            say!("{}", one_line(&line));
+            print_line!("{}", one_line(&line));
         }
     }
     let verdict = if report.is_sound() { "sound" } else { "not sound" };
     let ran = one_line(&ran(&report.trial));
-    say!("{}: {verdict}, errors: {errors}, warnings: {warnings}; {ran}", one_line(fmu));
+    print_line!("{}: {verdict}, errors: {errors}, warnings: {warnings}; {ran}", one_line(fmu));
 }
 
 fn ran(trial: &Trial) -> String {

@@ -120,28 +120,33 @@ fn quoted(word: &str) -> String {
 pub fn print(summary: &Summary, folder: &Path, json: bool) {
     if summary.ended.interrupted {
         let runs = summary.ended.tally.runs;
-        tell!("interrupted after {runs} of at most {} runs. Repeat the command to continue", summary.plan.runs());
+        error_line!("interrupted after {runs} of at most {} runs. Repeat the command to continue", summary.plan.runs());
     }
     if json {
         let mut result = summary.json();
         result["results"] = console::path(folder);
-        say!("{result}");
+        print_line!("{result}");
         return;
     }
-    say!("{}", summary.verdict());
-    summary.counts().iter().take(MOST_LINES).for_each(|count| say!("{count}"));
+    print_line!("{}", summary.verdict());
+    summary.counts().iter().take(MOST_LINES).for_each(|count| print_line!("{count}"));
     for index in summary.indices().iter().take(MOST_LINES) {
         if let Some(of) = index.of_failing {
-            say!("{} explains {:.0} % of the variance of failing", index.name, 100.0 * of);
+            print_line!("{} explains {:.0} % of the variance of failing", index.name, 100.0 * of);
         }
     }
     for range in summary.failing_ranges().unwrap_or_default().iter().take(MOST_LINES) {
         if let Some([low, _, high]) = range.values {
-            say!("{} is {} … {} in 90 % of the failing samples", range.name, four_digits(low), four_digits(high));
+            print_line!(
+                "{} is {} … {} in 90 % of the failing samples",
+                range.name,
+                four_digits(low),
+                four_digits(high)
+            );
         }
     }
-    say!("{}", summary.form());
-    say!(
+    print_line!("{}", summary.form());
+    print_line!(
         "{PAGE} (charts), {SAMPLES} (all samples), {RESULT}, and {WORST} and {FAILED} samples as parameter sets with \
          their commands are in {}",
         folder.display()

@@ -73,5 +73,5 @@ pub fn job<J: DeserializeOwned>(text: &str) -> Result<J, Error> {
 
 /// Prints the result of a job.
 pub fn reply(result: &impl Serialize) {
-    say!("{}", json!(result));
+    print_line!("{}", json!(result));
 }

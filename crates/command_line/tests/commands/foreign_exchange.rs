@@ -50,8 +50,8 @@ impl Other {
     fn last(&self, behaviour: &str, arguments: &[&str]) -> Value {
         let output = self.simulate(behaviour, arguments);
         assert!(output.status.success(), "{output:?}");
-        let told: Value = serde_json::from_slice(&output.stdout).unwrap();
-        told["last"].clone()
+        let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+        result["last"].clone()
     }
 
     fn error(&self, behaviour: &str, arguments: &[&str]) -> String {

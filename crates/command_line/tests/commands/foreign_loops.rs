@@ -17,7 +17,7 @@ const LAG: Variables = &[("y", "output", ""), ("u", "input", ""), ("x", "paramet
 const GAIN: Variables =
     &[("y", "output", ""), ("u", "input", ""), ("r", "parameter", "start='1'"), ("gain", "parameter", "start='2'")];
 const UNTOLD: &str = "<ModelStructure><Outputs><Unknown index='1'/></Outputs></ModelStructure>";
-const TOLD: &str = "<ModelStructure><Outputs><Unknown index='1' dependencies='2'/></Outputs></ModelStructure>";
+const DEPENDENCIES: &str = "<ModelStructure><Outputs><Unknown index='1' dependencies='2'/></Outputs></ModelStructure>";
 
 /// A folder with a loop of two units, `one` and `two`, each handed the other's `y` as `u`.
 struct Pair(TempDir);
@@ -74,11 +74,14 @@ fn about_circles(recording: &Recording) -> Vec<&String> {
 fn a_plant_that_tells_no_dependencies_runs_in_a_loop_in_both_orders() {
     for structure in [UNTOLD, "<ModelStructure><Outputs/></ModelStructure>", "<ModelStructure/>", ""] {
         for order in [Order::Jacobi, Order::GaussSeidel] {
-            let units = [("lag.c", LAG, structure), ("gain.c", GAIN, TOLD)];
+            let units = [("lag.c", LAG, structure), ("gain.c", GAIN, DEPENDENCIES)];
             let recording = Pair::new(units, "", &order.to_string()).recording();
-            let told = about_circles(&recording);
-            assert_eq!(told.len(), 1, "{told:?}");
-            assert!(told[0].starts_with("`one` does not declare") && told[0].contains("previous exchange"), "{told:?}");
+            let warnings = about_circles(&recording);
+            assert_eq!(warnings.len(), 1, "{warnings:?}");
+            assert!(
+                warnings[0].starts_with("`one` does not declare") && warnings[0].contains("previous exchange"),
+                "{warnings:?}"
+            );
             // x' = u - x by steps of 0.1, u = 2 (1 - x) of the exchange before.
             let (mut x, mut u) = (0.0, 2.0);
             for k in 0..=5 {
@@ -96,8 +99,8 @@ fn a_plant_that_tells_no_dependencies_runs_in_a_loop_in_both_orders() {
 fn values_that_go_round_at_once_settle_before_the_first_step() {
     let units = [("gain.c", GAIN, UNTOLD), ("gain.c", GAIN, UNTOLD)];
     let recording = Pair::new(units, &(gain("one", 0.5) + &gain("two", 0.8)), "jacobi").recording();
-    let told = about_circles(&recording);
-    assert!(told.len() == 1 && told[0].starts_with("`one`, `two` do not declare"), "{told:?}");
+    let warnings = about_circles(&recording);
+    assert!(warnings.len() == 1 && warnings[0].starts_with("`one`, `two` do not declare"), "{warnings:?}");
     // a = 0.5 (1 - b), b = 0.8 (1 - a)
     let (a, b) = (0.1 / 0.6, 0.4 / 0.6);
     for k in 0..=5 {
@@ -110,8 +113,11 @@ fn values_that_go_round_at_once_settle_before_the_first_step() {
 fn values_that_never_settle_are_told_by_the_signal_and_its_change() {
     let units = [("gain.c", GAIN, UNTOLD), ("gain.c", GAIN, UNTOLD)];
     let recording = Pair::new(units, &(gain("one", 2.0) + &gain("two", 3.0)), "gauss-seidel").recording();
-    let told = about_circles(&recording);
-    assert!(told.len() == 2 && told[1].contains("don't converge. `") && told[1].contains("changed by"), "{told:?}");
+    let warnings = about_circles(&recording);
+    assert!(
+        warnings.len() == 2 && warnings[1].contains("don't converge. `") && warnings[1].contains("changed by"),
+        "{warnings:?}"
+    );
     // Two rounds of a = 2 (1 - b), b = 3 (1 - a), from b = 0.
     let found = [recording.column("one.y").unwrap()[0], recording.column("two.y").unwrap()[0]];
     assert_eq!(found, [8.0, -21.0]);
@@ -119,20 +125,20 @@ fn values_that_never_settle_are_told_by_the_signal_and_its_change() {
 
 #[test]
 fn a_declared_algebraic_loop_runs_only_where_the_user_accepts_it() {
-    let units = [("gain.c", GAIN, TOLD), ("gain.c", GAIN, TOLD)];
+    let units = [("gain.c", GAIN, DEPENDENCIES), ("gain.c", GAIN, DEPENDENCIES)];
     let pair = Pair::new(units, &(gain("one", 0.5) + &gain("two", 0.8)), "jacobi");
     let refused = pair.run(&[]);
-    let told = String::from_utf8(refused.stderr).unwrap();
-    assert_eq!(refused.status.code(), Some(1), "{told}");
+    let error = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(1), "{error}");
     assert!(
-        told.contains("one.y → two.u → two.y → one.u → one.y") && told.contains("--accept-algebraic-loops"),
-        "{told}"
+        error.contains("one.y → two.u → two.y → one.u → one.y") && error.contains("--accept-algebraic-loops"),
+        "{error}"
     );
     let accepted = pair.run(&["--accept-algebraic-loops", "--json"]);
     assert_eq!(accepted.status.code(), Some(0), "{}", String::from_utf8_lossy(&accepted.stderr));
-    let told: serde_json::Value = serde_json::from_slice(&accepted.stdout).unwrap();
-    let warnings = told["warnings"].as_array().unwrap();
-    assert!(warnings.iter().any(|text| text.as_str().unwrap().contains("algebraic loop, accepted")), "{told}");
+    let error: serde_json::Value = serde_json::from_slice(&accepted.stdout).unwrap();
+    let warnings = error["warnings"].as_array().unwrap();
+    assert!(warnings.iter().any(|text| text.as_str().unwrap().contains("algebraic loop, accepted")), "{error}");
     assert_eq!(pair.run(&["--accept-algebraic-loops", "--composite"]).status.code(), Some(2));
 }
 
@@ -148,13 +154,13 @@ fn places() -> TempDir {
     fs::create_dir_all(&resources).unwrap();
     fs::create_dir(&other).unwrap();
     foreign::fmu(&resources, "Lag", "lag.c", &foreign::description("Lag", &(foreign::variables(LAG) + UNTOLD)));
-    foreign::fmu(&other, "Gain", "gain.c", &foreign::description("Gain", &(foreign::variables(GAIN) + TOLD)));
+    foreign::fmu(&other, "Gain", "gain.c", &foreign::description("Gain", &(foreign::variables(GAIN) + DEPENDENCIES)));
     fs::write(resources.join("Wanted.toml"), REFERENCE).unwrap();
     folder
 }
 
 /// Runs the program in a folder, and returns its output.
-fn told(folder: &TempDir, words: &[&str]) -> serde_json::Value {
+fn run_json(folder: &TempDir, words: &[&str]) -> serde_json::Value {
     let mut program = Command::new(env!("CARGO_BIN_EXE_adaptive-fmu"));
     let done = program.current_dir(folder.path()).args(words).arg("--json").output().unwrap();
     assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
@@ -162,8 +168,8 @@ fn told(folder: &TempDir, words: &[&str]) -> serde_json::Value {
 }
 
 /// The last row of a result, by names.
-fn last_row(folder: &TempDir, told: &serde_json::Value) -> Vec<(String, f64)> {
-    let text = fs::read_to_string(folder.path().join(told["results"].as_str().unwrap()).join("result.csv")).unwrap();
+fn last_row(folder: &TempDir, output: &serde_json::Value) -> Vec<(String, f64)> {
+    let text = fs::read_to_string(folder.path().join(output["results"].as_str().unwrap()).join("result.csv")).unwrap();
     let names = text.lines().next().unwrap().split(',').map(|name| name.trim_matches('"').to_owned());
     names.zip(text.lines().last().unwrap().split(',').map(|value| value.parse().unwrap())).collect()
 }
@@ -182,17 +188,17 @@ fn units_may_lie_in_resources_elsewhere_or_be_descriptions() {
         let connections = [("wanted.r[1]", "gain.u"), ("gain.y", "lag.u")];
         let text = foreign::structure(&units, &connections, &foreign::experiment(1.0, 0.1, "jacobi"));
         fs::write(folder.path().join("loop/SystemStructure.ssd"), text).unwrap();
-        let told = told(&folder, &["run", "loop", "--out", "results"]);
-        assert_eq!(told["ended"], "complete");
-        rows.push(last_row(&folder, &told));
+        let output = run_json(&folder, &["run", "loop", "--out", "results"]);
+        assert_eq!(output["ended"], "complete");
+        rows.push(last_row(&folder, &output));
     }
     // 2 (1 - 1) all the time.
     assert_eq!((value(&rows[0], "wanted.r[1]"), value(&rows[0], "gain.y"), value(&rows[0], "time")), (1.0, 0.0, 1.0));
     assert!(rows.iter().all(|row| *row == rows[0]));
     // Packed, all are in the archive, which runs as it is.
-    let packed = told(&folder, &["export", "--ssp", "loop", "--out", "packed"]);
+    let packed = run_json(&folder, &["export", "--ssp", "loop", "--out", "packed"]);
     let archive = packed["ssps"][0].as_str().unwrap();
-    let again = told(&folder, &["run", archive, "--out", "again"]);
+    let again = run_json(&folder, &["run", archive, "--out", "again"]);
     assert_eq!(last_row(&folder, &again), rows[0]);
     let mut program = Command::new(env!("CARGO_BIN_EXE_adaptive-fmu"));
     let refused = program.current_dir(folder.path()).args(["run", "loop", "--composite"]).output().unwrap();
@@ -212,19 +218,19 @@ fn a_structure_without_our_annotation_runs_as_its_units_propose() {
     let run = |connections: &[(&str, &str)], rest: &str| {
         let text = foreign::structure(&units, connections, rest);
         fs::write(folder.path().join("loop/SystemStructure.ssd"), text).unwrap();
-        let told = told(&folder, &["run", "loop", "--out", "results"]);
-        let warnings = told["warnings"].as_array().unwrap().clone();
+        let output = run_json(&folder, &["run", "loop", "--out", "results"]);
+        let warnings = output["warnings"].as_array().unwrap().clone();
         let about: Vec<_> =
             warnings.iter().filter_map(|text| text.as_str()).filter(|text| text.contains("annotation")).collect();
         assert_eq!(about.len(), 1, "{warnings:?}");
-        (about[0].to_owned(), last_row(&folder, &told))
+        (about[0].to_owned(), last_row(&folder, &output))
     };
-    let (told, row) = run(&connections, "");
-    assert!(told.contains("communication step 0.02 s") && told.contains("stop time 2 s"), "{told}");
-    assert!(told.contains("gauss-seidel in the order wanted, gain, lag"), "{told}");
+    let (output, row) = run(&connections, "");
+    assert!(output.contains("communication step 0.02 s") && output.contains("stop time 2 s"), "{output}");
+    assert!(output.contains("gauss-seidel in the order wanted, gain, lag"), "{output}");
     assert_eq!(value(&row, "time"), 2.0);
-    let (told, row) = run(&connections, "<ssd:DefaultExperiment startTime='0.5' stopTime='0.8'/>");
-    assert!(told.contains("stop time 0.8 s") && value(&row, "time") == 0.8, "{told}");
+    let (output, row) = run(&connections, "<ssd:DefaultExperiment startTime='0.5' stopTime='0.8'/>");
+    assert!(output.contains("stop time 0.8 s") && value(&row, "time") == 0.8, "{output}");
     // OMSimulator stores its step in an annotation of its own.
     let theirs = "<ssd:DefaultExperiment stopTime='1'><ssd:Annotations><ssc:Annotation type='org.openmodelica'>\
         <oms:Annotations xmlns:oms='o'><oms:SimulationInformation><oms:FixedStepMaster description='oms-ma' stepSize='0.25'/>\
@@ -249,7 +255,7 @@ fn a_value_has_gone_through_all_units_when_a_run_begins_and_many_are_told_by_the
     let run = |rest: &str| {
         let text = foreign::structure(&units, &connections, rest);
         fs::write(folder.path().join("loop/SystemStructure.ssd"), text).unwrap();
-        told(&folder, &["run", "loop", "--until", "0.1", "--out", "results"])
+        run_json(&folder, &["run", "loop", "--until", "0.1", "--out", "results"])
     };
     let ran = run(&foreign::experiment(0.2, 0.1, "gauss-seidel"));
     let table = folder.path().join(ran["results"].as_str().unwrap()).join("result.csv");
@@ -259,8 +265,8 @@ fn a_value_has_gone_through_all_units_when_a_run_begins_and_many_are_told_by_the
     let first: Vec<&str> = first.map(|(_, value)| value).collect();
     assert_eq!(first, ["1"; COUNT], "{text}");
     let ran = run("");
-    let told = ran["warnings"].as_array().unwrap().iter().filter_map(|text| text.as_str());
-    let order = told.filter(|text| text.contains("in the order")).collect::<String>();
+    let warnings = ran["warnings"].as_array().unwrap().iter().filter_map(|text| text.as_str());
+    let order = warnings.filter(|text| text.contains("in the order")).collect::<String>();
     assert!(
         order.contains("order wanted, unit0, unit1,") && order.ends_with("unit18, …, unit39 (41 components)"),
         "{order}"
@@ -325,9 +331,9 @@ fn a_package_as_omsimulator_writes_it_runs() {
         "<ssv:ParameterSet xmlns:ssv='v' version='1.0' name='parameters'><ssv:Parameters>{values}</ssv:Parameters></ssv:ParameterSet>"
     );
     fs::write(loop_folder.join("resources/root.ssv"), set).unwrap();
-    let told = told(&folder, &["run", "loop", "--out", "results"]);
-    assert_eq!(told["loop"], "model_1");
-    let row = last_row(&folder, &told);
+    let output = run_json(&folder, &["run", "loop", "--out", "results"]);
+    assert_eq!(output["loop"], "model_1");
+    let row = last_row(&folder, &output);
     // Gauss-Seidel, the system's plant first: x' = 3 (1 - x) - x by steps of 0.1 from x = 1/4.
     let expected = (0..10).fold(0.25, |x, _| x + 0.1 * (3.0 * (1.0 - x) - x));
     assert!((value(&row, "plant.lag.y") - expected).abs() < 1e-12, "{row:?} {expected}");

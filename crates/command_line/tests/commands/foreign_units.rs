@@ -106,13 +106,13 @@ fn failure(fault: u32, arguments: &[&str]) -> (String, f64) {
     (errors[0].to_owned(), motors.last().0)
 }
 
-fn told(output: &Output) -> Value {
+fn json(output: &Output) -> Value {
     assert!(output.status.success(), "{output:?}");
     serde_json::from_slice(&output.stdout).expect("nothing but JSON on stdout")
 }
 
 fn warnings(output: &Output) -> Vec<String> {
-    told(output)["warnings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect()
+    json(output)["warnings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect()
 }
 
 /// Both motors answer a step as their equations do, each delayed by nothing but the exchange.

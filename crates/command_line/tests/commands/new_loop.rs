@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use crate::foreign;
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/own/dc_motor");
-const TOLD: &str = "<ModelStructure><Outputs><Unknown index='2' dependencies='1' dependenciesKind='dependent'/></Outputs></ModelStructure>";
+const DEPENDENCIES: &str = "<ModelStructure><Outputs><Unknown index='2' dependencies='1' dependenciesKind='dependent'/></Outputs></ModelStructure>";
 
 /// Runs the program in a folder.
 fn program(folder: &Path, words: &[&str]) -> Output {
@@ -79,9 +79,9 @@ fn the_motors_loop_gives_what_the_shipped_structure_gives() {
     let folder = motor();
     let units = ["motor=DcMotor.toml", "DcMotorController.toml", "DcMotorReference.toml"];
     let words = [&["new", "loop", "--units"], &units[..], &["--name", "dc_motor"]].concat();
-    let (told, left) = done(folder.path(), &words);
-    assert!(told.contains("connected inputs: 4; open inputs, each with a comment in the file: 0"), "{told}");
-    assert!(told.contains("controller.enabled, controller.u_manual[1]") && left.is_empty(), "{told} {left}");
+    let (output, left) = done(folder.path(), &words);
+    assert!(output.contains("connected inputs: 4; open inputs, each with a comment in the file: 0"), "{output}");
+    assert!(output.contains("controller.enabled, controller.u_manual[1]") && left.is_empty(), "{output} {left}");
     let text = structure(folder.path());
     assert_eq!(order(&text), ["reference", "motor", "controller"]);
     assert!(text.contains("<Master step=\"0.001\"") && text.contains("stopTime=\"10.0\""), "{text}");
@@ -89,14 +89,14 @@ fn the_motors_loop_gives_what_the_shipped_structure_gives() {
         "<Plot title=\"speed and its reference, rad/s\" signals=\"reference.speed_reference motor.speed\"/>"
     ));
     let table =
-        |told: &Value| fs::read(folder.path().join(told["results"].as_str().unwrap()).join("result.csv")).unwrap();
+        |output: &Value| fs::read(folder.path().join(output["results"].as_str().unwrap()).join("result.csv")).unwrap();
     let ours = ran(folder.path(), &[".", "--until", "1.1", "--out", "ours"]);
     let shipped = ran(folder.path(), &[EXAMPLE, "--until", "1.1", "--out", "shipped"]);
     assert!(table(&ours) == table(&shipped), "the same bits");
-    let error = |told: &Value, start: &str| {
-        let metrics = told["metrics"].as_array().unwrap();
+    let error = |output: &Value, start: &str| {
+        let metrics = output["metrics"].as_array().unwrap();
         let metric = metrics.iter().find(|metric| metric["label"].as_str().unwrap().starts_with(start));
-        metric.unwrap_or_else(|| panic!("{start} in {told}"))["value"].as_f64().unwrap()
+        metric.unwrap_or_else(|| panic!("{start} in {output}"))["value"].as_f64().unwrap()
     };
     // The reference steps by 100 at 1 s; the motor takes some ms.
     let [rms, overshoot] = ["rms (speed - speed_reference), rad/s", "overshoot of "].map(|start| error(&ours, start));
@@ -112,8 +112,8 @@ fn a_sensor_and_an_actuator_are_put_between_by_their_names() {
         done(folder.path(), &["new", kind, "--name", name, "--plant", "model.json", "--no-schema"]);
     }
     let units = ["Drive.toml", "DcMotorController.toml", "Tachometer.toml", "DcMotor.toml", "DcMotorReference.toml"];
-    let (told, _) = done(folder.path(), &[&["new", "loop", "--out", "a/new one", "--units"], &units[..]].concat());
-    assert!(told.contains("connected inputs: 7;") && told.contains("in the file: 0"), "{told}");
+    let (output, _) = done(folder.path(), &[&["new", "loop", "--out", "a/new one", "--units"], &units[..]].concat());
+    assert!(output.contains("connected inputs: 7;") && output.contains("in the file: 0"), "{output}");
     let text = structure(&folder.path().join("a/new one"));
     assert_eq!(
         connections(&text),
@@ -128,23 +128,23 @@ fn a_sensor_and_an_actuator_are_put_between_by_their_names() {
         ]
     );
     assert_eq!(order(&text), ["reference", "plant", "sensor", "controller", "actuator"]);
-    let told = ran(folder.path(), &["a/new one", "--until", "0.01"]);
-    assert_eq!((told["loop"].as_str(), told["ended"].as_str()), (Some("new one"), Some("complete")));
-    assert_eq!(told["warnings"].as_array().map(Vec::len), Some(0), "{told}");
+    let output = ran(folder.path(), &["a/new one", "--until", "0.01"]);
+    assert_eq!((output["loop"].as_str(), output["ended"].as_str()), (Some("new one"), Some("complete")));
+    assert_eq!(output["warnings"].as_array().map(Vec::len), Some(0), "{output}");
 }
 
 #[test]
 fn where_several_outputs_have_a_name_the_candidates_are_there_to_be_uncommented() {
     let folder = motor();
     let units = ["one=DcMotor.toml", "two=DcMotor.toml", "DcMotorController.toml", "DcMotorReference.toml"];
-    let (told, left) = done(folder.path(), &[&["new", "loop", "--units"], &units[..]].concat());
-    assert!(told.contains("connected inputs: 3; open inputs, each with a comment in the file: 2"), "{told}");
+    let (output, left) = done(folder.path(), &[&["new", "loop", "--units"], &units[..]].concat());
+    assert!(output.contains("connected inputs: 3; open inputs, each with a comment in the file: 2"), "{output}");
     assert!(left.contains("to decide: `controller.speed`: several outputs have this name"), "{left}");
     let text = structure(folder.path());
     assert!(text.contains("TO DECIDE: controller.speed: several outputs have this name."), "{text}");
     assert!(text.contains("it keeps its start value, 0.0 rad/s."), "{text}");
-    let told = ran(folder.path(), &[".", "--until", "0.001"]);
-    let warnings = told["warnings"].to_string();
+    let output = ran(folder.path(), &[".", "--until", "0.001"]);
+    let warnings = output["warnings"].to_string();
     assert!(warnings.contains("`controller.speed` is not connected and stays at its start value"), "{warnings}");
     // As a person does who decides.
     let candidate = |signal: &str| {
@@ -158,8 +158,8 @@ fn where_several_outputs_have_a_name_the_candidates_are_there_to_be_uncommented(
         decided = decided.replace(&format!("<!-- {candidate} -->"), &candidate);
     }
     fs::write(folder.path().join("SystemStructure.ssd"), decided).unwrap();
-    let told = ran(folder.path(), &[".", "--until", "0.001"]);
-    assert_eq!(told["warnings"].as_array().map(Vec::len), Some(0), "{told}");
+    let output = ran(folder.path(), &[".", "--until", "0.001"]);
+    assert_eq!(output["warnings"].as_array().map(Vec::len), Some(0), "{output}");
 }
 
 #[test]
@@ -171,8 +171,8 @@ fn what_has_no_name_of_another_or_does_not_fit_is_left_to_a_person() {
     let inner = foreign::variables(&variables);
     foreign::fmu(path, "Other", "lag.c", &foreign::description("Other", &inner));
     let units = ["Other.fmu", "DcMotorController.toml", "DcMotorReference.toml"];
-    let (told, left) = done(path, &[&["new", "loop", "--units"], &units[..]].concat());
-    assert!(told.contains("connected inputs: 2;") && told.contains("in the file: 2"), "{told}");
+    let (output, left) = done(path, &[&["new", "loop", "--units"], &units[..]].concat());
+    assert!(output.contains("connected inputs: 2;") && output.contains("in the file: 2"), "{output}");
     assert!(
         left.contains("`controller.speed`: the output with this name has unit m, but the input has unit rad/s"),
         "{left}"
@@ -197,11 +197,11 @@ fn units_that_pass_values_round_at_once_are_written_and_told_of() {
     let folder = tempfile::tempdir().unwrap();
     for (name, input, output) in [("One", "a", "b"), ("Two", "b", "a")] {
         let variables = foreign::variables(&[(input, "input", ""), (output, "output", "")]);
-        foreign::fmu(folder.path(), name, "gain.c", &foreign::description(name, &(variables + TOLD)));
+        foreign::fmu(folder.path(), name, "gain.c", &foreign::description(name, &(variables + DEPENDENCIES)));
     }
-    let (told, left) = done(folder.path(), &["new", "loop", "--units", "One.fmu", "Two.fmu", "--name", "round"]);
+    let (output, left) = done(folder.path(), &["new", "loop", "--units", "One.fmu", "Two.fmu", "--name", "round"]);
     assert!(
-        told.contains("connected inputs: 2;")
+        output.contains("connected inputs: 2;")
             && left.contains("`run` will refuse this structure")
             && left.contains("algebraic"),
         "{left}"
@@ -225,8 +225,8 @@ fn names_may_hold_anything_that_xml_can() {
     fs::rename(path.join("Sink.fmu"), far.path().join("Si:nk#?.fmu")).unwrap();
     let sink = far.path().join("Si:nk#?.fmu");
     let words = ["new", "loop", "--out", "<l--p>", "--units", file, sink.to_str().unwrap()];
-    let (told, left) = done(path, &words);
-    assert!(told.contains("connected inputs: 1;") && left.contains("to decide: "), "{told} {left}");
+    let (output, left) = done(path, &words);
+    assert!(output.contains("connected inputs: 1;") && left.contains("to decide: "), "{output} {left}");
     let text = structure(&path.join("<l--p>"));
     let found = connections(&text);
     assert!(found.len() == 1 && found[0].ends_with(&format!(".{hostile}")), "{found:?}");
@@ -234,16 +234,16 @@ fn names_may_hold_anything_that_xml_can() {
         let inner = comment.split("-->").next().unwrap();
         assert!(!inner.contains("--") && !inner.ends_with('-'), "{inner}");
     }
-    let told = ran(path, &["<l--p>", "--until", "0.01"]);
-    assert_eq!((told["ended"].as_str(), told["loop"].as_str()), (Some("complete"), Some("_l--p_")), "{told}");
+    let output = ran(path, &["<l--p>", "--until", "0.01"]);
+    assert_eq!((output["ended"].as_str(), output["loop"].as_str()), (Some("complete"), Some("_l--p_")), "{output}");
 }
 
 #[test]
 fn fmus_of_this_package_are_named_and_names_alike_are_taken_where_one_fits() {
     let folder = tempfile::tempdir().unwrap();
     let units = ["L1NonlinearSiso", "NonlinearSiso", "ReferenceNonlinearSiso"];
-    let (told, _) = done(folder.path(), &[&["new", "loop", "--until", "2", "--units"], &units[..]].concat());
-    assert!(told.contains("connected inputs: 4;") && told.contains("in the file: 0"), "{told}");
+    let (output, _) = done(folder.path(), &[&["new", "loop", "--until", "2", "--units"], &units[..]].concat());
+    assert!(output.contains("connected inputs: 4;") && output.contains("in the file: 0"), "{output}");
     let text = structure(folder.path());
     assert_eq!(order(&text), ["reference", "plant", "controller"]);
     assert!(text.contains("of=\"plant.y[1]\" minus=\"reference.r[1]\"") && text.contains("stopTime=\"2.0\""), "{text}");
@@ -252,10 +252,10 @@ fn fmus_of_this_package_are_named_and_names_alike_are_taken_where_one_fits() {
     let plant = foreign::description("Plant", &foreign::variables(&x));
     foreign::fmu(folder.path(), "Plant", "lag.c", &plant);
     let units = ["L1NonlinearSiso", "Plant.fmu", "ReferenceNonlinearSiso"];
-    let (told, left) = done(folder.path(), &[&["new", "loop", "--force", "--units"], &units[..]].concat());
+    let (output, left) = done(folder.path(), &[&["new", "loop", "--force", "--units"], &units[..]].concat());
     assert!(
-        told.contains("connected inputs: 3;") && left.contains("`plant.u`: no output has this name"),
-        "{told} {left}"
+        output.contains("connected inputs: 3;") && left.contains("`plant.u`: no output has this name"),
+        "{output} {left}"
     );
     let text = structure(folder.path());
     assert!(text.contains("plant.Motor.X1 goes to controller.x[1]: the names differ only in their form"), "{text}");
@@ -306,7 +306,7 @@ fn a_description_may_lie_in_a_file_of_another_name() {
 #[test]
 fn the_help_names_both_forms_of_new() {
     let folder = tempfile::tempdir().unwrap();
-    let (told, _) = done(folder.path(), &["new", "--help"]);
-    assert!(told.contains("loop") && told.contains("state-space") && told.contains("--name <NAME>"), "{told}");
+    let (output, _) = done(folder.path(), &["new", "--help"]);
+    assert!(output.contains("loop") && output.contains("state-space") && output.contains("--name <NAME>"), "{output}");
     assert!(done(folder.path(), &["new", "loop", "--help"]).0.contains("--units"));
 }

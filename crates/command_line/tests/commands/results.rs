@@ -79,14 +79,14 @@ fn what_is_no_file_is_not_replaced_and_nothing_is_written_outside() {
     fs::write(path.join("kept"), "kept").unwrap();
     fs::set_permissions(path.join("kept"), Permissions::from_mode(0o444)).unwrap();
     assert!(Command::new("mkfifo").arg(path.join("pipe")).status().unwrap().success());
-    for (name, told) in [
+    for (name, expected) in [
         ("folder", "is a folder"),
         ("pipe", "is not a regular file"),
         ("kept", "is write-protected"),
         ("kept/a", "kept"),
     ] {
         let message = refused(output::write(&path.join(name), "x"));
-        assert!(message.contains(told), "{name}: {message}");
+        assert!(message.contains(expected), "{name}: {message}");
     }
     assert!(refused(output::check(path, "", &["new", "pipe"])).contains("pipe: is not a regular file"));
     assert!(refused(output::check(&path.join("kept"), "a", &[])).contains("kept: is not a folder"));
@@ -204,10 +204,10 @@ fn a_run_that_makes_no_step_leaves_earlier_results_as_they_are() {
     // Bounds that contradict each other are refused at the end of initialisation; the file can't show them.
     for bad in ["controller.u_min[1]=5", "controller.nothing=1", "plant.omega=x"] {
         let refused = program(folder.path(), &[&RUN[..], &["--set", bad, "--set", "controller.u_max[1]=-5"]].concat());
-        let told = String::from_utf8(refused.stderr).unwrap();
-        assert!(refused.status.code() == Some(1) && refused.stdout.is_empty(), "{bad}: {told}");
-        assert!(told.contains("error: ") && !told.contains("results until then"), "{bad}: {told}");
-        assert!(contents(&folder.path().join(RESULTS)) == before, "{bad}: {told}");
+        let error = String::from_utf8(refused.stderr).unwrap();
+        assert!(refused.status.code() == Some(1) && refused.stdout.is_empty(), "{bad}: {error}");
+        assert!(error.contains("error: ") && !error.contains("results until then"), "{bad}: {error}");
+        assert!(contents(&folder.path().join(RESULTS)) == before, "{bad}: {error}");
     }
     // Nor is a comparison with such a one written.
     let compared = ["compare", "3.2.1-cosine", "3.2.1-square", "--until", "0.05"];
@@ -233,8 +233,8 @@ fn a_run_whose_results_have_no_place_is_refused_before_it_begins() {
     fs::write(folder.path().join("mine"), "mine").unwrap();
     symlink("../../mine", results.join("result.csv")).unwrap();
     let refused = program(folder.path(), &RUN);
-    let told = String::from_utf8(refused.stderr).unwrap();
-    assert!(refused.status.code() == Some(1) && told.contains("result.csv: is a link"), "{told}");
+    let error = String::from_utf8(refused.stderr).unwrap();
+    assert!(refused.status.code() == Some(1) && error.contains("result.csv: is a link"), "{error}");
     assert_eq!(fs::read_to_string(folder.path().join("mine")).unwrap(), "mine");
     assert_eq!((names(&results), folder.path().join("fmus").exists()), (vec!["result.csv".to_owned()], false));
 }
@@ -274,11 +274,11 @@ fn a_full_disk_leaves_the_earlier_results_complete() {
     let Ok(done) = command.current_dir(folder.path()).output() else {
         return eprintln!("skipped: no unshare on this machine");
     };
-    let told = fs::read_to_string(folder.path().join("told")).unwrap_or_default();
-    if told.is_empty() {
+    let text = fs::read_to_string(folder.path().join("told")).unwrap_or_default();
+    if text.is_empty() {
         return eprintln!("skipped: no disk can be mounted here: {}", String::from_utf8_lossy(&done.stderr));
     }
-    assert!(done.status.success() && told.contains("No space left on device"), "{done:?}: {told}");
+    assert!(done.status.success() && text.contains("No space left on device"), "{done:?}: {text}");
     let left = fs::read_to_string(folder.path().join("names")).unwrap();
     assert_eq!(left.lines().collect::<Vec<_>>(), ["index.html", "metrics.json", "plot.svg", "result.csv"]);
 }

@@ -111,7 +111,7 @@ fn a_refusal_names_the_key_its_value_and_what_is_allowed() {
     let folder = tempfile::tempdir().unwrap();
     let (file, question) = searched(folder.path());
     let whole: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
-    for (way, value, told) in [
+    for (way, value, expected) in [
         (
             "/swarm/particles/1/position/0",
             json!(100),
@@ -131,7 +131,7 @@ fn a_refusal_names_the_key_its_value_and_what_is_allowed() {
         let mut edited = whole.clone();
         *edited.pointer_mut(way).unwrap() = value;
         let message = resumed(&file, &edited.to_string(), &question).unwrap_err();
-        assert!(message.contains(told), "{way}: {message}");
+        assert!(message.contains(expected), "{way}: {message}");
     }
     for text in ["", "null", "[]", "7", "{}", "{\"question\": 1}", &"[".repeat(100_000), "\u{0}"] {
         assert!(resumed(&file, text, &question).is_err());
@@ -145,8 +145,8 @@ fn the_program_goes_on_from_a_whole_file_and_refuses_a_changed_one() {
     let left = fs::read_to_string(&file).unwrap();
     fs::write(&file, left.replacen("\"failed\":0", "\"failed\":1", 1)).unwrap();
     let changed = tune(folder.path(), &["--generations", "4"]);
-    let told = String::from_utf8(changed.stderr).unwrap();
-    assert!(changed.status.code() == Some(1) && told.contains("--force replaces it"), "{told}");
+    let error = String::from_utf8(changed.stderr).unwrap();
+    assert!(changed.status.code() == Some(1) && error.contains("--force replaces it"), "{error}");
     fs::write(&file, &left).unwrap();
     assert!(tune(folder.path(), &["--generations", "4"]).status.success());
     assert_ne!(fs::read_to_string(&file).unwrap(), left);

@@ -23,7 +23,7 @@ fn closed() -> Stdio {
     writer.into()
 }
 
-fn told(done: &Output) -> String {
+fn error_text(done: &Output) -> String {
     String::from_utf8(done.stderr.clone()).unwrap()
 }
 
@@ -68,7 +68,7 @@ fn a_reader_who_has_seen_enough_changes_nothing() {
     with_each_command(|words, well| {
         let done = program(words).stdout(closed()).output().unwrap();
         assert_eq!(done.status.code(), well.status.code(), "{words:?}: {done:?}");
-        assert_eq!(told(&done), told(well), "{words:?}");
+        assert_eq!(error_text(&done), error_text(well), "{words:?}");
     });
 }
 
@@ -77,9 +77,9 @@ fn a_full_disk_is_told_and_the_command_counts_as_not_done() {
     with_each_command(|words, _| {
         let done = program(words).stdout(full()).output().unwrap();
         assert_eq!(done.status.code(), Some(1), "{words:?}: {done:?}");
-        let last = told(&done).lines().last().unwrap_or_default().to_owned();
+        let last = error_text(&done).lines().last().unwrap_or_default().to_owned();
         assert!(last.starts_with("error: standard output: "), "{words:?}: {last}");
-        assert!(!told(&done).contains("panicked"), "{words:?}");
+        assert!(!error_text(&done).contains("panicked"), "{words:?}");
     });
 }
 
@@ -122,5 +122,5 @@ fn what_is_read_before_the_pipe_is_closed_is_whole() {
     let mut first = vec![0; 1000];
     child.stdout.take().unwrap().read_exact(&mut first).unwrap();
     let done = child.wait_with_output().unwrap();
-    assert_eq!((&first[..], done.status.code(), told(&done)), (&whole[..1000], Some(0), String::new()));
+    assert_eq!((&first[..], done.status.code(), error_text(&done)), (&whole[..1000], Some(0), String::new()));
 }

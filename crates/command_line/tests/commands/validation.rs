@@ -226,10 +226,10 @@ const EDITS: [Edit; 46] = [
 fn each_fault_of_a_description_is_found_by_its_line() {
     let whole = xml();
     assert_eq!(findings_of(&whole), []);
-    for (was, is, told) in EDITS {
+    for (was, is, message) in EDITS {
         assert!(whole.contains(was), "{was}");
         let findings = findings_of(&whole.replacen(was, is, 1));
-        let found = findings.iter().find(|finding| format!("{} {}", finding.what, finding.advice).contains(told));
+        let found = findings.iter().find(|finding| format!("{} {}", finding.what, finding.advice).contains(message));
         let found = found.unwrap_or_else(|| panic!("{was} -> {is}: {findings:#?}"));
         assert!(found.severity == Severity::Error && !found.section.is_empty() && !found.advice.is_empty());
         assert!(found.line.is_some(), "{is}: {found:?}");
@@ -294,16 +294,16 @@ fn each_fault_of_the_structure_is_found_by_its_variable() {
             with("InitialUnknowns", &|text| {
                 let begins = text.find(" dependencies=\"").unwrap();
                 let ends = begins + text[begins..].find("/>").unwrap();
-                let told = " dependencies=\"1\" dependenciesKind=\"fixed\"";
-                format!("{}{told}{}", &text[..begins], &text[ends..])
+                let kinds = " dependencies=\"1\" dependenciesKind=\"fixed\"";
+                format!("{}{kinds}{}", &text[..begins], &text[ends..])
             }),
             "dependenciesKind = \"fixed\" in InitialUnknowns",
         ),
     ];
-    for (edited, told) in edits {
+    for (edited, kinds) in edits {
         let findings = findings_of(&edited);
-        let found = findings.iter().find(|finding| finding.what.contains(told));
-        let found = found.unwrap_or_else(|| panic!("{told}: {findings:#?}"));
+        let found = findings.iter().find(|finding| finding.what.contains(kinds));
+        let found = found.unwrap_or_else(|| panic!("{kinds}: {findings:#?}"));
         assert!(found.severity == Severity::Error && found.section == "2.2.8" && found.line.is_some(), "{found:?}");
     }
 }
@@ -352,10 +352,10 @@ fn each_fault_of_an_archive_is_found() {
                 .for_each(|(_, bytes)| bytes.truncate(1000));
         }),
     ];
-    for (told, edit) in cases {
+    for (message, edit) in cases {
         let (_folder, file) = edited(edit);
         let found = found_in(&file);
-        assert!(found.iter().any(|finding| finding.contains(told)), "{told}: {found:#?}");
+        assert!(found.iter().any(|finding| finding.contains(message)), "{message}: {found:#?}");
     }
 }
 
@@ -398,7 +398,7 @@ fn what_a_unit_does_when_it_is_run_is_found() {
     assert_eq!((found_in(&file), validate(&file, Some(&Hosting::InProcess)).unwrap().trial), (vec![], Trial::Ran(10)));
     let (_folder, file) = built(&["ONLY_ONE"], "canBeInstantiatedOnlyOncePerProcess=\"true\"");
     assert_eq!(found_in(&file), Vec::<String>::new());
-    for (faults, flags, told) in [
+    for (faults, flags, message) in [
         (&["NAN_OUTPUT"][..], "", "error: `y`: its value is NaN at t = "),
         (&["FAILING_STEP"], "", "fmi2DoStep failed at t = "),
         (&["OTHER_START"], "", "error: `k`: it starts at 2, but modelDescription.xml has start = 1"),
@@ -414,7 +414,7 @@ fn what_a_unit_does_when_it_is_run_is_found() {
     ] {
         let (_folder, file) = built(faults, flags);
         let found = found_in(&file);
-        assert!(found.len() == 1 && found[0].contains(told), "{faults:?} {flags}: {found:#?}");
+        assert!(found.len() == 1 && found[0].contains(message), "{faults:?} {flags}: {found:#?}");
         // Each gives one line, and the exit code. Two instances in processes of their own can't disturb each other.
         let place = if faults == ["ONLY_ONE"] { "--in-process" } else { "--patience=30" };
         let done = program(&["validate", file.to_str().unwrap(), place]);
@@ -430,15 +430,15 @@ fn what_a_unit_does_when_it_is_run_is_found() {
 fn findings_are_told_to_scripts_too() {
     let (_folder, file) = built(&["OTHER_START"], "");
     let done = program(&["validate", file.to_str().unwrap(), "--json"]);
-    let told: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
-    assert_eq!((done.status.code(), &told["sound"], &told["errors"]), (Some(3), &false.into(), &1.into()));
-    let finding = &told["findings"][0];
+    let output: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((done.status.code(), &output["sound"], &output["errors"]), (Some(3), &false.into(), &1.into()));
+    let finding = &output["findings"][0];
     assert_eq!(
         (&finding["severity"], &finding["variable"], &finding["section"]),
         (&"error".into(), &"k".into(), &"2.2.7".into())
     );
     let (_, good) = good();
     let done = program(&["validate", good.to_str().unwrap(), "--json"]);
-    let told: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
-    assert_eq!((done.status.code(), &told["sound"], &told["warnings"]), (Some(0), &true.into(), &0.into()));
+    let output: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((done.status.code(), &output["sound"], &output["warnings"]), (Some(0), &true.into(), &0.into()));
 }

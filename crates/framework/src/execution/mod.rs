@@ -409,11 +409,11 @@ impl Execution {
     }
 
     /// Starts reporting the integration method.
-    pub fn tell_methods(&mut self) {
+    pub fn log_methods(&mut self) {
         self.own_workspace();
     }
 
-    /// The present integration method, if it has changed since the last call; none before [`Execution::tell_methods`]
+    /// The present integration method, if it has changed since the last call; none before [`Execution::log_methods`]
     /// was called.
     pub fn method_news(&mut self) -> Option<Chosen> {
         match &mut self.place {
@@ -453,13 +453,13 @@ impl Execution {
 
     /// Returns the system's refusals since the last call, with the names of variables that are in force.
     fn accepted(&mut self) -> Result<(), Invalid> {
-        self.log.accepted().map_err(|invalid| self.model.variables().told_of(invalid))
+        self.log.accepted().map_err(|invalid| self.model.variables().named_refusal(invalid))
     }
 
     /// Takes the messages that wait to be logged, in users' words.
     pub fn take_messages(&mut self) -> impl Iterator<Item = Message> {
         let variables = self.model.variables();
-        self.log.drain(..).map(|message| Message { text: variables.told(&message.text), ..message })
+        self.log.drain(..).map(|message| Message { text: variables.named(&message.text), ..message })
     }
 
     /// Every state and signal must be a number, and so the time of the next event; every output within the limit.

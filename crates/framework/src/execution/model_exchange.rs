@@ -255,7 +255,7 @@ impl Execution {
         self.evaluate();
         self.check().map_err(StepError::Unsound)?;
         self.check_point()?;
-        let noticed = self.tell_step(workspace);
+        let noticed = self.notify_step(workspace);
         let t = self.time();
         self.recall_indicators(workspace);
         let pending = workspace.driver.event_pending(&self.problem(), t);
@@ -268,7 +268,7 @@ impl Execution {
     /// By the standard, discrete variables change in Event Mode only. What a system changes here counts steps and
     /// remembers warnings, which equations don't read. Restarting the master's integrator after each step for that
     /// would be absurd. So it is an event only if the equations give other values.
-    fn tell_step(&mut self, workspace: &mut Workspace) -> bool {
+    fn notify_step(&mut self, workspace: &mut Workspace) -> bool {
         let (t, step, completed) = (self.time(), self.time() - self.completed(), self.model.controls().completed);
         self.point()[completed] = t;
         if step <= 0.0 {

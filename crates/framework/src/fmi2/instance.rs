@@ -99,7 +99,7 @@ impl Instance {
             self.use_event_mode(self.early_return);
         }
         if self.logger.is_enabled(EVENTS) {
-            self.execution.tell_methods();
+            self.execution.log_methods();
         }
         former
     }
@@ -184,7 +184,7 @@ impl Instance {
             Standard::Fmi3 => self.logger.switch(wanted, on),
         }
         if self.logger.is_enabled(EVENTS) {
-            self.execution.tell_methods();
+            self.execution.log_methods();
         }
         Ok(())
     }

@@ -81,7 +81,7 @@ pub(super) struct Choices {
     seen: [bool; Integrates::COUNT],
     /// General method in force, and the one reported last.
     general: Option<Integrates>,
-    told: Option<Integrates>,
+    reported: Option<Integrates>,
     changes: u32,
     news: Option<Chosen>,
 }
@@ -103,10 +103,10 @@ impl Choices {
         if !news.by.is_general() {
             return Some(news);
         }
-        if self.told == Some(news.by) {
+        if self.reported == Some(news.by) {
             return None;
         }
-        self.changes += u32::from(self.told.replace(news.by).is_some());
+        self.changes += u32::from(self.reported.replace(news.by).is_some());
         news.is_last = self.changes == MOST_CHANGES;
         Some(news)
     }
@@ -123,9 +123,9 @@ mod tests {
 
     #[test]
     fn a_choice_names_the_eigenvalue_that_decided() {
-        let told = chosen(Integrates::Stiff, 0.5).to_string();
+        let text = chosen(Integrates::Stiff, 0.5).to_string();
         assert_eq!(
-            told,
+            text,
             "integrated by the stiff method from t = 0.5 s: the eigenvalue -1.23e3 1/s limits the explicit method of order 5 to 2.36e-3 s"
         );
         let asked = Chosen { is_asked_for: true, ..chosen(Integrates::Fixed, 0.0) };
@@ -135,13 +135,13 @@ mod tests {
     #[test]
     fn what_comes_and_goes_is_told_once_and_a_change_of_the_general_method_each_time() {
         let mut choices = Choices::default();
-        let mut told = |by: Integrates, from: f64| {
+        let mut reports = |by: Integrates, from: f64| {
             choices.note(chosen(by, from));
             choices.take().is_some()
         };
         use Integrates::{Explicit, OwnStep, Stiff};
         let order = [OwnStep, Explicit, OwnStep, Explicit, Stiff, Stiff, Explicit];
-        let news: Vec<bool> = order.into_iter().zip(0..).map(|(by, k)| told(by, f64::from(k))).collect();
+        let news: Vec<bool> = order.into_iter().zip(0..).map(|(by, k)| reports(by, f64::from(k))).collect();
         assert_eq!(news, [true, true, false, false, true, false, true]);
     }
 
@@ -155,15 +155,15 @@ mod tests {
         assert!(choices.take().is_some());
         [Explicit, Stiff].into_iter().for_each(|by| choices.note(chosen(by, 2.0)));
         assert_eq!(choices.take(), None);
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for k in 0..20 {
             choices.note(chosen(if k % 2 == 0 { Explicit } else { Stiff }, f64::from(k)));
-            told.extend(choices.take());
+            reported.extend(choices.take());
         }
-        assert_eq!(told.len(), MOST_CHANGES as usize - 1);
-        let last = told.pop().unwrap().to_string();
+        assert_eq!(reported.len(), MOST_CHANGES as usize - 1);
+        let last = reported.pop().unwrap().to_string();
         assert!(
-            last.ends_with("; further changes are not logged") && !told.iter().any(|chosen| chosen.is_last),
+            last.ends_with("; further changes are not logged") && !reported.iter().any(|chosen| chosen.is_last),
             "{last}"
         );
     }

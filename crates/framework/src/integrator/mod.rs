@@ -234,7 +234,7 @@ impl<'a> Problem<'a> {
     /// Checks whether the equations hold at t, with the problem evaluated there.
     fn check(&mut self, t: f64) -> Result<(), Invalid> {
         self.equations().check(t, &mut self.point());
-        self.log.accepted().map_err(|invalid| self.variables.told_of(invalid).at(t))
+        self.log.accepted().map_err(|invalid| self.variables.named_refusal(invalid).at(t))
     }
 
     fn next_time_event(&self) -> f64 {

@@ -15,7 +15,7 @@ impl Model {
         self.equations().relate(&mut block.point(self, log));
         let mut invalid = log.accepted().err().unwrap_or_default();
         designed.unwrap_or_else(|reasons| invalid.and(reasons));
-        invalid.into_result().map_err(|invalid| self.variables.told_of(invalid))?;
+        invalid.into_result().map_err(|invalid| self.variables.named_refusal(invalid))?;
         let prepared = self.variables.reals(Section::Prepared);
         let start = prepared.start;
         let broken = prepared.into_iter().find(|&index| !block.reals[index].is_finite());

@@ -250,7 +250,7 @@ mod tests {
         assert_eq!((&*found[6], &*found[2]), (&of_inner, &of_inner), "the inner selection, and x");
         assert_eq!(*found[3], where_all(&[(at(5), false)]), "y: of the inner selection it is never asked for");
         assert_eq!(*found[1], where_all(&[(at(0), false)]), "b: where a doesn't decide");
-        let told = guards(&operations, &[true; 8], &[(at(2), Some(at(0)))]);
-        assert_eq!(*told[2], where_all(&[(at(0), true)]), "a message under a condition");
+        let of_message = guards(&operations, &[true; 8], &[(at(2), Some(at(0)))]);
+        assert_eq!(*of_message[2], where_all(&[(at(0), true)]), "a message under a condition");
     }
 }

@@ -227,7 +227,7 @@ impl Scalar for Recorded {
     fn select_integer(flag: Condition, yes: Self, no: Self) -> Self {
         Self::select(flag, yes, no)
     }
-    fn told(self) -> String {
+    fn to_text(self) -> String {
         self.to_string()
     }
     fn rounded(self) -> String {

@@ -57,7 +57,7 @@ impl MessageLog {
         self.unheard
     }
 
-    pub(crate) fn tell(&mut self, category: &'static str, text: String) {
+    pub(crate) fn add(&mut self, category: &'static str, text: String) {
         self.messages.push(Message { category, text });
     }
 

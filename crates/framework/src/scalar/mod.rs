@@ -145,7 +145,7 @@ pub trait Scalar:
     fn select_integer(flag: Self::Flag, yes: Self::Integer, no: Self::Integer) -> Self::Integer;
 
     /// The number in a text, with all its digits.
-    fn told(self) -> String;
+    fn to_text(self) -> String;
     /// The number in a text, rounded to what a person reads.
     fn rounded(self) -> String;
     /// The same, with digits cut instead of rounded: a magnitude that may be reached.
@@ -322,7 +322,7 @@ impl Scalar for f64 {
     fn select_integer(flag: bool, yes: i32, no: i32) -> i32 {
         if flag { yes } else { no }
     }
-    fn told(self) -> String {
+    fn to_text(self) -> String {
         error::Number(self).to_string()
     }
     fn rounded(self) -> String {
@@ -379,7 +379,7 @@ impl Scalar for f64 {
     #[inline]
     fn log(flag: bool, log: &mut MessageLog, category: &'static str, text: impl FnOnce() -> String) {
         if flag {
-            log.tell(category, text());
+            log.add(category, text());
         }
     }
     #[inline]

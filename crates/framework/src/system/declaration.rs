@@ -68,8 +68,8 @@ impl<D: Shape> Declarable for Spec<D> {
             max: self.max,
             nominal: self.nominal,
         };
-        let told = (self.description, self.source, self.shown);
-        let start = d.add::<C>(self.name, told, naming, self.causality, self.fixed, data);
+        let about = (self.description, self.source, self.shown);
+        let start = d.add::<C>(self.name, about, naming, self.causality, self.fixed, data);
         self.shape.handle(start)
     }
 }
@@ -83,8 +83,8 @@ impl<T: DiscreteValue> Declarable for DiscreteSpec<T> {
     }
 
     fn declare<C: Class>(self, d: &mut Declaration) -> T::Handle<C> {
-        let told = (vec![self.description], "", Shown::default());
-        T::handle(d.add::<C>(self.name, told, Naming::Scalar, self.causality, self.fixed, self.data))
+        let about = (vec![self.description], "", Shown::default());
+        T::handle(d.add::<C>(self.name, about, Naming::Scalar, self.causality, self.fixed, self.data))
     }
 }
 

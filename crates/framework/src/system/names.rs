@@ -158,14 +158,14 @@ fn give(key: &str, words: &Words, prefix: &str, found: Option<Place>, list: &mut
         // A derivative has the name of its state.
         let goes_with = |v: &&mut Variable| v.section == Section::Derivative && section == Section::State;
         for variable in list.iter_mut().filter(|v| v.name == name && (v.section == section || goes_with(v))) {
-            say(variable, offset, prefix, word);
+            set_words(variable, offset, prefix, word);
         }
     }
     Ok(())
 }
 
 /// Puts words in place of a variable's own.
-fn say(variable: &mut Variable, offset: usize, prefix: &str, word: &Word) {
+fn set_words(variable: &mut Variable, offset: usize, prefix: &str, word: &Word) {
     let len = variable.len();
     if let Some(own) = word.name() {
         variable.given.resize(len, None);
@@ -293,20 +293,20 @@ pub(super) fn reference(is_real: bool, is_whole: bool, index: usize) -> String {
 
 impl Variables {
     /// A system's text for users: references to variables become the names in force.
-    pub(crate) fn told(&self, text: &str) -> String {
+    pub(crate) fn named(&self, text: &str) -> String {
         let mut pieces = text.split(BEGIN);
-        let mut told = pieces.next().unwrap_or_default().to_owned();
+        let mut result = pieces.next().unwrap_or_default().to_owned();
         for piece in pieces {
             let (reference, rest) = piece.split_once(END).unwrap_or((piece, ""));
-            told.push_str(&self.referred(reference));
-            told.push_str(rest);
+            result.push_str(&self.referred(reference));
+            result.push_str(rest);
         }
-        told
+        result
     }
 
     /// Reasons of a refusal for users, with the names of variables that are in force.
-    pub(crate) fn told_of(&self, invalid: Invalid) -> Invalid {
-        invalid.reworded(|reason| self.told(&reason))
+    pub(crate) fn named_refusal(&self, invalid: Invalid) -> Invalid {
+        invalid.reworded(|reason| self.named(&reason))
     }
 
     fn referred(&self, reference: &str) -> String {

@@ -112,12 +112,12 @@ impl<'a, S: Scalar> Point<'a, S> {
         let is_first = S::same(self.integers[flag], S::integer(0));
         self.when(is_first, |v| {
             v.integers[flag] = S::integer(1);
-            v.say(warning, text);
+            v.warn_each_time(warning, text);
         });
     }
 
     /// Logs a message in a warning's category each time.
-    pub fn say(&mut self, warning: Warning, text: impl FnOnce(&Values<S>) -> String) {
+    pub fn warn_each_time(&mut self, warning: Warning, text: impl FnOnce(&Values<S>) -> String) {
         let values = Values { reals: self.reals, integers: self.integers, offsets: self.offsets };
         S::log(true.into(), self.log, warning.category, || text(&values));
     }
@@ -136,8 +136,8 @@ impl<'a, S: Scalar> Point<'a, S> {
 
     fn require_order<C: Class, D: Class>(&mut self, holds: S::Flag, must: &str, low: ScalarOf<C>, high: ScalarOf<D>) {
         self.refuse(!holds, |v| {
-            let allowed = format!("{must} {} = {}", v.name(high), v[high].told());
-            Invalid::new(v.name(low), v[low].told(), allowed)
+            let allowed = format!("{must} {} = {}", v.name(high), v[high].to_text());
+            Invalid::new(v.name(low), v[low].to_text(), allowed)
         });
     }
 

@@ -249,7 +249,7 @@ fn model_exchange_allocates_nothing() {
 const OF_A_WARNING: usize = 27;
 
 /// Number of an FMU on the page.
-fn said(page: &str, name: &str) -> usize {
+fn documented(page: &str, name: &str) -> usize {
     let row = page
         .lines()
         .find_map(|line| line.strip_prefix(&format!("| `{name}` | ")))
@@ -290,10 +290,10 @@ fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
         if counts[1] > 0 {
             rows.push_str(&format!("| `{name}` | {} |\n", counts[1]));
         }
-        let said = said(&page, &name);
-        let right = counts.iter().all(|&count| count <= said) && said <= counts[1] + counts[1] / 4 + 2;
+        let documented = documented(&page, &name);
+        let right = counts.iter().all(|&count| count <= documented) && documented <= counts[1] + counts[1] / 4 + 2;
         if !right {
-            wrong.push(format!("{name}: {counts:?}, {said} by the page"));
+            wrong.push(format!("{name}: {counts:?}, {documented} by the page"));
         }
         // From then on nothing again.
         let before = COUNT.get();
@@ -327,10 +327,10 @@ fn a_warning_allocates_no_more_than_the_page_says() {
             assert_eq!(unit.step(t, step), OK, "{:?}", unit.messages());
             let count = COUNT.get() - before;
             t += step;
-            let told = unit.messages().len();
-            assert!(count <= told * OF_A_WARNING, "{name}: {count} for {told} warnings");
-            most = most.max(count.checked_div(told).unwrap_or(0));
-            messages += told;
+            let logged = unit.messages().len();
+            assert!(count <= logged * OF_A_WARNING, "{name}: {count} for {logged} warnings");
+            most = most.max(count.checked_div(logged).unwrap_or(0));
+            messages += logged;
         }
         assert!(messages > 0, "{name} tells something");
     }

@@ -278,12 +278,12 @@ fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
         (to_plant, &scaled, "can't convert values"),
     ];
     for (old, new, word) in cases {
-        let told = composite(&changed(old, new), &library).unwrap_err().to_string();
-        assert!(told.contains(word) && told.contains("SystemStructure.ssd: line "), "{told}");
+        let error = composite(&changed(old, new), &library).unwrap_err().to_string();
+        assert!(error.contains(word) && error.contains("SystemStructure.ssd: line "), "{error}");
     }
     let foreign = changed("resources/NonlinearSiso.fmu", "resources/Pump.fmu");
-    let told = composite(&foreign, &library).unwrap_err().to_string();
-    assert!(told.contains("`Pump`") && told.contains("`adaptive-fmu list` shows all"), "{told}");
+    let error = composite(&foreign, &library).unwrap_err().to_string();
+    assert!(error.contains("`Pump`") && error.contains("`adaptive-fmu list` shows all"), "{error}");
 }
 
 #[test]
@@ -302,8 +302,8 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
     assert_eq!((run.get("plant.x[1]"), run.get("reference.r[1]")), (0.25, 1.0));
     assert!(notes.len() == 1 && notes[0].contains("`controller.relative_tolerance` is ignored"), "{notes:?}");
     structure.set("reference.signal=3").unwrap();
-    let told = composite(&structure, &library).unwrap_err().to_string();
-    assert!(told.contains("`reference.signal` = 3") && told.contains("cosine (1), square (2)"), "{told}");
+    let error = composite(&structure, &library).unwrap_err().to_string();
+    assert!(error.contains("`reference.signal` = 3") && error.contains("cosine (1), square (2)"), "{error}");
 }
 
 #[test]

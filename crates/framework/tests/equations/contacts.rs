@@ -75,14 +75,14 @@ fn a_floor_far_from_zero_holds_as_well_or_the_step_ends_in_an_error() {
 
 #[test]
 fn a_cart_does_not_pass_its_end_stop() {
-    for (restitution, told) in [(0.0, "goes on through"), (1e-9, "end stop"), (0.5, "accumulate")] {
+    for (restitution, expected) in [(0.0, "goes on through"), (1e-9, "end stop"), (0.5, "accumulate")] {
         for step in [1e-3, 0.1, 10.0] {
             for method in METHODS {
                 let lines = format!("restitution = {restitution}\nintegration_method = \"{method}\"");
                 let mut cart = Run::of::<Cart>(&lines, 0.0);
                 let error = run(&mut cart, step, 20.0, |run| assert!(run.get("position") < 1.0 + 1e-8));
                 let message = error.expect("the cart must not pass its end stop").to_string();
-                assert!(message.contains(told) && message.contains("event indicator 1 (end stop)"), "{message}");
+                assert!(message.contains(expected) && message.contains("event indicator 1 (end stop)"), "{message}");
                 assert!(message.contains("discrete variable"), "{message}");
             }
         }

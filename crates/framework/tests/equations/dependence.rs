@@ -26,7 +26,7 @@ fn evaluate(model: &Model, t: f64, point: &Block) -> Block {
 /// Declared dependencies of outputs and derivatives, and those that were seen to matter.
 #[derive(Default)]
 struct Tally {
-    told: BTreeSet<(usize, usize)>,
+    declared: BTreeSet<(usize, usize)>,
     seen: BTreeSet<(usize, usize)>,
 }
 
@@ -63,10 +63,10 @@ fn check(model: &Model, random: &mut Random, tally: &mut Tally) {
             moved.reals[source] += change;
             let after = evaluate(model, t, &moved);
             for (name, index, on) in &unknowns {
-                let told = on.contains(&Place::Real(source));
-                tally.told.extend(told.then_some((*index, source)));
+                let is_declared = on.contains(&Place::Real(source));
+                tally.declared.extend(is_declared.then_some((*index, source)));
                 if before.reals[*index].to_bits() != after.reals[*index].to_bits() {
-                    assert!(told, "in {}, {name} depends on real {source}", model.description().name);
+                    assert!(is_declared, "in {}, {name} depends on real {source}", model.description().name);
                     tally.seen.insert((*index, source));
                 }
             }
@@ -82,7 +82,7 @@ fn nothing_undeclared_ever_changes_an_output_or_a_derivative() {
         // With funnels that are wide: where a law has lost its funnel, nothing of it moves.
         let (model, mut tally) = (model(&open_description(&name)), Tally::default());
         (0..20).for_each(|_| check(&model, &mut random, &mut tally));
-        table.push_str(&format!("| `{name}` | {} | {} |\n", tally.told.len(), tally.seen.len()));
+        table.push_str(&format!("| `{name}` | {} | {} |\n", tally.declared.len(), tally.seen.len()));
     }
     pages::assert_generated("docs/internals.md", "dependence", &table);
 }

@@ -61,7 +61,7 @@ impl System for Closing {
     fn check<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
         let (gap, needed) = (v[self.gap], v[self.needed]);
         v.refuse(!gap.above(needed), |v| {
-            Invalid::new(v.name(self.gap), gap.told(), format!("must be above {}", needed.told()))
+            Invalid::new(v.name(self.gap), gap.to_text(), format!("must be above {}", needed.to_text()))
         });
     }
 }

@@ -266,8 +266,8 @@ fn work_is_known_beforehand_and_has_no_limit() {
 fn the_number_of_substeps_has_limits() {
     for steps in [0, 10_001] {
         let start = format!("fixed_steps = {steps}").parse().unwrap();
-        let told = Model::new::<Driven>("Driven", &start).unwrap_err().to_string();
-        assert!(told.contains(&format!("fixed_steps = {steps}: must be within 1 … 10000")), "{told}");
+        let error = Model::new::<Driven>("Driven", &start).unwrap_err().to_string();
+        assert!(error.contains(&format!("fixed_steps = {steps}: must be within 1 … 10000")), "{error}");
     }
 }
 

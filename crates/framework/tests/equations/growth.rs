@@ -143,7 +143,7 @@ fn growth_rates_of_random_plants_are_right_or_the_step_says_why_not() {
             if plant.growth * time < 0.5 {
                 continue;
             }
-            let told = format!(
+            let message = format!(
                 "{method}, {} states, growth {:e} at {:e} rad/s from {amplitude:e}, H = {h:e}, tolerance {tolerance:e}",
                 plant.a.nrows(),
                 plant.growth,
@@ -158,11 +158,11 @@ fn growth_rates_of_random_plants_are_right_or_the_step_says_why_not() {
             // In the second half: what fast modes leave in the growing one by rounding, as they fall, is there before.
             let (middle, half) = match run(&mut execution, h, 0.5 * time) {
                 Ok(()) => (execution.time(), amplitude(&execution)),
-                Err(error) => panic!("{told}: {error}"),
+                Err(error) => panic!("{message}: {error}"),
             };
-            run(&mut execution, h, 0.5 * time).unwrap_or_else(|error| panic!("{told}: {error}"));
+            run(&mut execution, h, 0.5 * time).unwrap_or_else(|error| panic!("{message}: {error}"));
             let rate = (amplitude(&execution) / half).ln() / (execution.time() - middle);
-            assert!((rate / plant.growth - 1.0).abs() < 0.01, "{told}: {rate:e}");
+            assert!((rate / plant.growth - 1.0).abs() < 0.01, "{message}: {rate:e}");
             checked += 1;
         }
     }

@@ -16,14 +16,14 @@ use crate::recording::{Draw, same, whole_loops};
 
 /// A compiled kernel, as the program makes it.
 fn compiled(model: &Model) -> jit::Compiled {
-    let told = describe::kernel(Functions::of(model, Settled::default()));
-    jit::Compiled::of(&read_kernel(&told).unwrap().unwrap()).unwrap()
+    let text = describe::kernel(Functions::of(model, Settled::default()));
+    jit::Compiled::of(&read_kernel(&text).unwrap().unwrap()).unwrap()
 }
 
 /// A kernel that is compiled for the parameters of a block.
 fn folded(model: &Model, settled: &Settled) -> jit::Compiled {
-    let told = describe::kernel(Functions::of(model, settled.clone()));
-    jit::Compiled::of(&read_kernel(&told).unwrap().unwrap()).unwrap()
+    let text = describe::kernel(Functions::of(model, settled.clone()));
+    jit::Compiled::of(&read_kernel(&text).unwrap().unwrap()).unwrap()
 }
 
 /// The same as [`compare`], of kernels that are compiled for the parameters of each block.

@@ -75,13 +75,13 @@ fn what_follows_is_computed_after_what_was_designed() {
 
 #[test]
 fn relations_that_are_broken_are_told_with_what_the_design_refuses() {
-    let told = model("gain = 11.0\ntime_constant = 5.0\nleast = 5.0").unwrap_err();
+    let error = model("gain = 11.0\ntime_constant = 5.0\nleast = 5.0").unwrap_err();
     let expected = [
         "least = 5: must be below time_constant = 5",
         "time_constant = 5: must not be above most = 3",
         "gain = 11: must be below 10",
     ];
-    assert_eq!(told.reasons(), expected);
+    assert_eq!(error.reasons(), expected);
     assert!(model("time_constant = 3.0").is_ok(), "a bound that is met is kept");
 }
 
@@ -89,8 +89,8 @@ fn relations_that_are_broken_are_told_with_what_the_design_refuses() {
 fn a_tunable_that_breaks_a_relation_leaves_the_last_valid_ones_in_force() {
     let mut run = Run::of::<Bounded>("", 0.0);
     run.set("time_constant", 3.5);
-    let told = run.0.step(0.0, 0.1).unwrap_err().to_string();
-    assert!(told.contains("time_constant = 3.5: must not be above most = 3"), "{told}");
+    let error = run.0.step(0.0, 0.1).unwrap_err().to_string();
+    assert!(error.contains("time_constant = 3.5: must not be above most = 3"), "{error}");
     run.set("time_constant", 2.5);
     assert!(run.0.step(0.0, 0.1).unwrap(), "parameters are taken over");
     assert_eq!(run.get("rate"), 0.8);
@@ -107,9 +107,9 @@ fn parts_relate_their_own_parameters_and_are_named() {
     let mut run = Run(Execution::new(whole("gain = 4.0").unwrap()));
     run.0.initialise().unwrap();
     assert_eq!((run.get("a.rate"), run.get("b.rate")), (4.0, 4.0));
-    let told = whole("most = 1.5").unwrap_err().to_string();
+    let error = whole("most = 1.5").unwrap_err().to_string();
     for part in ["a", "b"] {
-        assert!(told.contains(&format!("{part}.time_constant = 2: must not be above {part}.most = 1.5")), "{told}");
+        assert!(error.contains(&format!("{part}.time_constant = 2: must not be above {part}.most = 1.5")), "{error}");
     }
 }
 

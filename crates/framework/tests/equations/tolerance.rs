@@ -106,14 +106,14 @@ fn errors_fall_with_the_tolerance_in_force_in_every_unit() {
             let errors = TOLERANCES.map(|tolerance| {
                 difference(&exact, &motion(&mut unit(&name, tolerance, asked, handling, None).unwrap()), &expected)
             });
-            let told = errors.map(|error| format!("{error:.1e}")).join(", ");
-            println!("{name:24} {handling} {asked:?}: {told}; rounding {rounding:.1e}");
+            let shown = errors.map(|error| format!("{error:.1e}")).join(", ");
+            println!("{name:24} {handling} {asked:?}: {shown}; rounding {rounding:.1e}");
             let [loose, usual, tight] = errors;
             let floor = 1e-9 + 10.0 * rounding;
             // Where one step is far better than asked there is nothing to fall.
             let falls = usual <= (0.1 * loose).max(TOLERANCES[1]) && tight <= (0.1 * usual).max(floor);
             if !falls || usual > 1e-4 || tight > 1e-7 + floor {
-                failed.push(format!("{name}, input_handling {handling}, {asked:?}: {told}, rounding {rounding:e}"));
+                failed.push(format!("{name}, input_handling {handling}, {asked:?}: {shown}, rounding {rounding:e}"));
             }
         }
     }

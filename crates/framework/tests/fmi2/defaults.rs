@@ -45,8 +45,8 @@ fn limits_are_printed_with_the_digits_that_tell() {
         unit.last_message()
     };
     let message = refused("");
-    let told = "e[1] = 0: must lie between 0 and 1.1, and is at a bound: overshoot[1] above 0 would do";
-    assert!(message.contains(told), "{message}");
+    let expected = "e[1] = 0: must lie between 0 and 1.1, and is at a bound: overshoot[1] above 0 would do";
+    assert!(message.contains(expected), "{message}");
     let message = refused("x = [1.1000000001, 1e-300, 0.0, 0.0]");
     assert!(message.contains("e[1] = 1.1000000001: must lie between 0 and 1.1, and is beyond by 1e-10"), "{message}");
     assert!(!message.contains("e[2]"), "1e-300 is inside: {message}");

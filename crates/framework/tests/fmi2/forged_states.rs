@@ -277,8 +277,8 @@ fn steps_beyond_any_use_a_phase_of_the_other_interface_and_a_stop_time_that_is_n
     let state = unit.fingerprint();
     let steps = unit.reference("fixed_steps") as usize - unit.model.variables().reals(Section::Memory).end;
     let forged = with_integer(&unit, &state, steps, 500_000_000);
-    let told = "fixed_steps = 500000000: must be within 1 … 10000";
-    unit.refuses(&[told], |unit| unit.deserialise(&forged).0);
+    let message = "fixed_steps = 500000000: must be within 1 … 10000";
+    unit.refuses(&[message], |unit| unit.deserialise(&forged).0);
     // Behind magic, version, checksum and identity.
     let (phase, stop_time) = (32, 33);
     for number in [2, 3, 8, 9, 255] {

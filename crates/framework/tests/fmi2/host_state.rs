@@ -271,11 +271,11 @@ impl Life {
         };
         while info.new_discrete_states_needed != FALSE {
             info.new_discrete_states_needed = FALSE;
-            let told = &raw mut info;
+            let pointer = &raw mut info;
             let updated = self.call(
                 "fmi2NewDiscreteStates",
-                |c| unsafe { fmi2NewDiscreteStates(c, told) },
-                |c| unsafe { interface::new_discrete_states(c, told) },
+                |c| unsafe { fmi2NewDiscreteStates(c, pointer) },
+                |c| unsafe { interface::new_discrete_states(c, pointer) },
             );
             self.see(updated, &[info.next_event_time]);
         }

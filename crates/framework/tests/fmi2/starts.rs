@@ -102,8 +102,9 @@ fn nothing_untold_changes_the_start() {
             let Some(after) = start(&mut execution, &with) else { continue };
             for (unknown_name, unknown, _) in &unknowns {
                 let moved = before[*unknown].to_bits() != after[*unknown].to_bits();
-                let told = execution.model().structure().start(Place::Real(*unknown)).contains(&Place::Real(*known));
-                assert!(!moved || told, "{name}: the start of {unknown_name} follows from {known_name}");
+                let is_declared =
+                    execution.model().structure().start(Place::Real(*unknown)).contains(&Place::Real(*known));
+                assert!(!moved || is_declared, "{name}: the start of {unknown_name} follows from {known_name}");
             }
         }
     }
@@ -120,12 +121,12 @@ fn graph(name: &str) -> BTreeMap<(String, String), BTreeSet<(String, String)>> {
         {
             let on = model.structure().start(Place::of(variables, output));
             let inputs = variables.visible().filter(|e| e.variable.causality == Causality::Input);
-            let told = inputs.filter(|e| on.contains(&Place::of(variables, *e))).map(|e| e.name());
+            let declared = inputs.filter(|e| on.contains(&Place::of(variables, *e))).map(|e| e.name());
             let from = |input: String| {
                 let to = (component.name.clone(), input);
                 structure.connections.iter().find(|connection| connection.to == to).map(|found| found.from.clone())
             };
-            graph.insert((component.name.clone(), output.name()), told.filter_map(from).collect());
+            graph.insert((component.name.clone(), output.name()), declared.filter_map(from).collect());
         }
     }
     graph
@@ -171,7 +172,7 @@ fn masters_are_given_derivatives_in_initialization_mode_by_inputs_alone() {
     // The predictor starts at the measured state.
     assert_eq!(along(&references(&["x[1]", "x[2]"]), &[2.0, -3.0]), (OK, [2.0, -3.0]));
     assert_eq!(along(&references(&["x_hat[1]"]), &[1.0]).0, ERROR);
-    let told = unit.last_message();
-    assert!(told.contains("x_hat[1]") && told.contains("Initialization Mode"), "{told}");
+    let message = unit.last_message();
+    assert!(message.contains("x_hat[1]") && message.contains("Initialization Mode"), "{message}");
     assert_eq!(unit.exit(), OK, "and nothing else has changed");
 }

@@ -49,7 +49,7 @@ fn a_communication_point_within_a_thousandth_of_the_step_is_accepted_and_adopted
 }
 
 /// Log messages on communication points that aren't the sums of the steps.
-fn told_of_points(unit: &Unit) -> Vec<String> {
+fn messages_about_points(unit: &Unit) -> Vec<String> {
     let adopted = |(status, category, text): (i32, String, String)| {
         (status == Status::Warning as i32 && category == "logStatusWarning").then_some(text)
     };
@@ -74,8 +74,8 @@ fn clocks_of_single_precision_and_of_whole_microseconds_are_followed_and_logged_
             }
             assert_eq!(unit.reset(), OK);
         }
-        let told = told_of_points(&unit);
-        assert!(told.len() == 1 && told[0].contains("currentCommunicationPoint"), "{told:?}");
+        let messages = messages_about_points(&unit);
+        assert!(messages.len() == 1 && messages[0].contains("currentCommunicationPoint"), "{messages:?}");
     }
 }
 
@@ -86,7 +86,7 @@ fn a_master_that_adds_up_its_steps_needs_no_message() {
     for k in 0..100 {
         assert_eq!(unit.step(f64::from(k) * 0.1, 0.1), OK);
     }
-    assert!(told_of_points(&unit).is_empty(), "{:?}", unit.messages());
+    assert!(messages_about_points(&unit).is_empty(), "{:?}", unit.messages());
 }
 
 #[test]

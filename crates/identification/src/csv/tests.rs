@@ -49,8 +49,8 @@ fn cells_may_be_empty_booleans_or_nan() {
     assert_eq!(columns[2], [1.0, 0.0, 1.0]);
     assert!(columns[1].iter().all(|value| value.is_nan()));
     for wrong in ["inf", "-Infinity", "abc", "1e999", "1 000", "--"] {
-        let told = refusal(&format!("time,u\n0,{wrong}\n1,2\n"));
-        assert_eq!(told, format!("line 2: u = {wrong}: must be a finite number, true, false, NaN or empty"));
+        let error = refusal(&format!("time,u\n0,{wrong}\n1,2\n"));
+        assert_eq!(error, format!("line 2: u = {wrong}: must be a finite number, true, false, NaN or empty"));
     }
 }
 

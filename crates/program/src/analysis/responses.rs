@@ -116,7 +116,7 @@ pub(super) fn find(
     let bench = Bench::new(fmu, plan, point, span)?;
     let (Tried { fit, part, difference }, starts) = found(&bench).map_err(|trouble| match trouble {
         Trouble::Unit(error) => error,
-        trouble => refuse(told(&trouble, plan, bench.step())),
+        trouble => refuse(trouble_text(&trouble, plan, bench.step())),
     })?;
     let (step, misfit) = (bench.step(), fit.misfit);
     let method = Method::Responses { part: part * CHANGE, starts, step, misfit, difference: difference.matrices };
@@ -255,7 +255,7 @@ fn extrapolated(subject: &impl Subject, moved: &[Moved], part: f64, steps: usize
     Ok(Tried { difference: second.difference(&first.fit), part: 0.25 * part, fit: second })
 }
 
-fn told(trouble: &Trouble, plan: &Plan, step: f64) -> String {
+fn trouble_text(trouble: &Trouble, plan: &Plan, step: f64) -> String {
     let states = || plan.states.iter().map(|state| state.name.as_str()).collect::<Vec<_>>().join(", ");
     match trouble {
         Trouble::Unit(error) => error.to_string(),

@@ -97,7 +97,7 @@ pub(super) fn find(instance: &Instance, plan: &Plan, point: &OperatingPoint, tim
     if !end.is_solution {
         let function =
             if point.is_plain() { "the search for a steady state" } else { "the search for an operating point" };
-        let message = remaining::told(&mut bound, plan, point, &end)?;
+        let message = remaining::message(&mut bound, plan, point, &end)?;
         return Err(Error::Unit { unit: instance.name().to_owned(), function, time, message });
     }
     Ok(found(&aim, &end))
@@ -129,11 +129,11 @@ fn wanted(variable: &Variable, value: f64) -> Wanted {
 
 fn at_bound(unknowns: &[&Variable], end: &End) -> Vec<AtBound> {
     let ends = unknowns.iter().zip(&end.at_bound).zip(&end.unknowns);
-    let told = |((variable, side), value): ((&&Variable, &Option<Ordering>), &f64)| {
+    let shown = |((variable, side), value): ((&&Variable, &Option<Ordering>), &f64)| {
         let (name, unit) = (variable.name.clone(), variable.unit.clone());
         side.map(|side| AtBound { name, value: *value, unit, is_largest: side == Ordering::Greater })
     };
-    ends.filter_map(told).collect()
+    ends.filter_map(shown).collect()
 }
 
 /// The equations of an instance.

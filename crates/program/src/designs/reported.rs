@@ -39,13 +39,13 @@ pub fn add_runs<U: Deref<Target = Ready>>(
     let ran = units().and_then(|units| steps(source, &units));
     report.section("Loop of the FMUs");
     match ran {
-        Ok(Some(steps)) => tell_steps(&steps, if_wrong, report),
+        Ok(Some(steps)) => report_steps(&steps, if_wrong, report),
         // Names of its own, by which nothing is connected.
         Err(Error::Loop { .. }) => {}
         Ok(None) if report.summary.is_some() => {}
         Ok(None) => {
             let note = "it takes too long for `check`. Use `new loop` and `run`";
-            report.tell("nominal loop", "not run", "", note);
+            report.add("nominal loop", "not run", "", note);
         }
         Err(reason) => {
             let note = format!("simulated with its limits and its communication step: {reason}");
@@ -54,14 +54,14 @@ pub fn add_runs<U: Deref<Target = Ready>>(
     }
 }
 
-fn tell_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
+fn report_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
     let Steps { followed: Followed { settling, overshoot, off, peaks }, controls, duration, .. } = steps;
     let at_limit: Vec<_> = controls.iter().zip(peaks).filter(|((_, limit), peak)| **peak >= 0.999 * limit).collect();
     let limited = at_limit.iter().map(|((name, _), _)| name.as_str()).collect::<Vec<_>>().join(", ");
     match settling {
         Some(time) => {
             let note = "to 2 % of a step of the reference, with the nominal plant, the limits of the control and the communication step";
-            report.tell("settling time", three_digits(*time), "s", note);
+            report.add("settling time", three_digits(*time), "s", note);
         }
         // A control at its limit makes a loop slow; without that, it isn't stable or has no rest.
         None if !limited.is_empty() => {
@@ -79,10 +79,10 @@ fn tell_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
             report.judge("settling time", "does not settle", "", if_wrong, note);
         }
     }
-    report.tell("overshoot", three_digits(100.0 * overshoot), "%", "beyond the reference");
+    report.add("overshoot", three_digits(100.0 * overshoot), "%", "beyond the reference");
     let rest = three_digits(100.0 * off);
     match limited.as_str() {
-        _ if *off <= MOST_OFF => report.tell("at rest", rest, "%", "distance from the reference"),
+        _ if *off <= MOST_OFF => report.add("at rest", rest, "%", "distance from the reference"),
         "" => report.judge("at rest", rest, "%", Verdict::Warning, "distance from the reference: steady-state error"),
         limited => {
             let note = format!("distance from the reference, with {limited} at a limit: use a smaller --reference");
@@ -95,7 +95,7 @@ fn tell_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
     };
     let words = controls.iter().zip(peaks).map(peak).collect::<Vec<_>>().join(", ");
     controls.iter().zip(peaks).for_each(|((name, _), peak)| {
-        report.tell(&format!("peak of {name}"), three_digits(*peak), "", "largest size");
+        report.add(&format!("peak of {name}"), three_digits(*peak), "", "largest size");
     });
     summarise(steps, &words, report);
 }
@@ -110,7 +110,7 @@ fn summarise(steps: &Steps, peaks: &str, report: &mut DesignReport) {
         Some(summary) => format!("{summary}; with the limits of the control: {words}"),
         None if steps.has_others => {
             let note = "only the nominal plant was simulated; --worst-case SECONDS simulates others";
-            report.tell("uncertain plants", "not tried", "", note);
+            report.add("uncertain plants", "not tried", "", note);
             format!("{words}, {peaks}; other plants not tried")
         }
         None => format!("{words}, {peaks}"),
@@ -150,9 +150,9 @@ fn finding_lines(Finding { name, value, unit, verdict, note, .. }: &Finding) -> 
         let beside = if k == 0 && *verdict == Verdict::Ok { note.as_str() } else { "" };
         format!("  {name:NAME$} {value:VALUE$} {beside}").trim_end().to_owned()
     };
-    let mut told: Vec<_> = lines.iter().enumerate().map(line).collect();
+    let mut rows: Vec<_> = lines.iter().enumerate().map(line).collect();
     if *verdict != Verdict::Ok {
-        told.push(format!("    {}: {note}", verdict.text()));
+        rows.push(format!("    {}: {note}", verdict.text()));
     }
-    told
+    rows
 }

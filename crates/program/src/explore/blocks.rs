@@ -24,7 +24,7 @@ struct Arrow {
 
 /// The block diagram as SVG. The components form a row in the order of the signals; arrows that skip a component lead
 /// over the row, those that lead back lie beneath it.
-pub(super) fn told(structure: &Structure) -> String {
+pub(super) fn svg(structure: &Structure) -> String {
     let units = row(structure);
     let arrows = arrows(structure, &units);
     let (mut over, mut beneath) = (lanes(&arrows, true), lanes(&arrows, false));
@@ -162,8 +162,8 @@ fn shortened(text: &str, most: usize) -> String {
 
 /// The picture in words.
 fn spoken(units: &[&Component], arrows: &[Arrow]) -> String {
-    let said = arrows
+    let labels = arrows
         .iter()
         .map(|Arrow { from, to, label }| format!("{} passes {label} to {}", units[*from].name, units[*to].name));
-    said.collect::<Vec<_>>().join("; ")
+    labels.collect::<Vec<_>>().join("; ")
 }

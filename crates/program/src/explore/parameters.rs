@@ -99,8 +99,8 @@ impl Control {
             ("Real", Value::Real(start)) => {
                 let tuned = structure.tuning.iter().flat_map(|tuning| &tuning.parameters);
                 let tuned = tuned.into_iter().find(|parameter| parameter.name == name);
-                let told = tuned.and_then(|parameter| parameter.low.zip(parameter.high));
-                let (range, logarithmic) = range(*start, (number(min), number(max)), told);
+                let bounds = tuned.and_then(|parameter| parameter.low.zip(parameter.high));
+                let (range, logarithmic) = range(*start, (number(min), number(max)), bounds);
                 Control::Slider { range, logarithmic, is_zero: *start == 0.0 }
             }
             ("Integer", _) => Control::Whole { limits: (number(min), number(max)) },
@@ -189,7 +189,7 @@ impl Parameter {
     }
 
     /// A value of it for a page.
-    pub(super) fn told(&self, value: &Value) -> Json {
+    pub(super) fn to_json(&self, value: &Value) -> Json {
         match value {
             Value::Real(number) => (*number).into(),
             Value::Boolean(value) => (*value).into(),
@@ -217,9 +217,9 @@ fn names<S: Serializer>(items: &[(String, i32)], serializer: S) -> Result<S::Ok,
 }
 
 /// The ends of a slider, and true if it is logarithmic.
-fn range(start: f64, (min, max): (Option<f64>, Option<f64>), told: Option<(f64, f64)>) -> (Option<(f64, f64)>, bool) {
+fn range(start: f64, (min, max): (Option<f64>, Option<f64>), bounds: Option<(f64, f64)>) -> (Option<(f64, f64)>, bool) {
     let spans_decades = |low: f64, high: f64| low > 0.0 && high / low >= DECADES;
-    if let Some((low, high)) = told {
+    if let Some((low, high)) = bounds {
         return (Some((low, high)), spans_decades(low, high));
     }
     if start.abs() >= NO_LIMIT {

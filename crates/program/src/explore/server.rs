@@ -120,7 +120,7 @@ impl Server {
         let told = |value: Value| (JSON, value.to_string());
         let answered = match (request.method.as_str(), request.path.as_str()) {
             ("GET", "/") => Ok((HTML, self.page())),
-            ("GET", "/loop") => Ok(told(self.session.told())),
+            ("GET", "/loop") => Ok(told(self.session.to_json())),
             ("POST", "/run") => match wanted(&request) {
                 Ok(wanted) => return self.run(stream, &wanted),
                 Err(refusal) => Err(refusal),
@@ -169,9 +169,9 @@ impl Server {
     /// Runs the loop. The answer has lines of JSON with the progress, the result last.
     fn run(&self, stream: &mut TcpStream, wanted: &Wanted) -> io::Result<()> {
         begin(stream, 200, "application/x-ndjson", "")?;
-        let mut tell = |line: Value| writeln!(stream, "{line}").and_then(|()| stream.flush()).is_ok();
-        let line = self.session.run(wanted, &mut tell).unwrap_or_else(|reason| json!({ "error": reason }));
-        tell(line);
+        let mut send = |line: Value| writeln!(stream, "{line}").and_then(|()| stream.flush()).is_ok();
+        let line = self.session.run(wanted, &mut send).unwrap_or_else(|reason| json!({ "error": reason }));
+        send(line);
         Ok(())
     }
 }

@@ -25,7 +25,7 @@ use crate::structure::{Settings, Structure};
 /// Groups of points of a curve, which has about twice as many points.
 const GROUPS: usize = 250;
 /// Interval at which a run reports its progress.
-const TELLING: Duration = Duration::from_millis(150);
+const REPORT_INTERVAL: Duration = Duration::from_millis(150);
 /// Interval at which a waiting run checks if it may begin.
 const LOOK: Duration = Duration::from_millis(5);
 /// Longest time for runs to end with the program.
@@ -149,11 +149,11 @@ impl Session {
     }
 
     /// Data that a page shows before the first run.
-    pub(crate) fn told(&self) -> Value {
+    pub(crate) fn to_json(&self) -> Value {
         let Base { structure, loaded, .. } = &self.bases[0];
         let notes = [&self.notes[..], loaded.notes()].concat();
         let values = |base: &Base| {
-            let start = |it: &Parameter| Some((it.name.clone(), it.told(&base.loaded.value_of(it.place)?)));
+            let start = |it: &Parameter| Some((it.name.clone(), it.to_json(&base.loaded.value_of(it.place)?)));
             let starts: BTreeMap<_, _> = self.parameters.iter().filter_map(start).collect();
             json!({ "name": base.name, "values": starts })
         };
@@ -164,7 +164,7 @@ impl Session {
             json!({ "name": name, "measure": variable.unit, "description": variable.description, "value": value })
         });
         json!({ "name": structure.name, "description": structure.description, "whole": self.whole,
-                "notes": notes, "blocks": blocks::told(structure),
+                "notes": notes, "blocks": blocks::svg(structure),
                 "settings": { "start": start_time, "stop": stop_time, "step": step,
                               "fine_step": self.fine.step },
                 "parameters": self.parameters, "changeable": changeable.collect::<Vec<_>>(),
@@ -208,14 +208,14 @@ impl Session {
 
     /// Runs the loop and reports its progress. It ends early if nobody listens any more, or for a newer request of the
     /// same page.
-    pub(crate) fn run(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
+    pub(crate) fn run(&self, wanted: &Wanted, progress: &mut dyn FnMut(Value) -> bool) -> Result<Value, String> {
         let _running = Arc::clone(&self.running);
         let (base, values) = self.find(wanted)?;
         self.begin(wanted);
         let ended = json!({ "superseded": true });
         let begun = Instant::now();
-        let Some(_turn) = self.turn(wanted, tell) else { return Ok(ended) };
-        let mut told = begun;
+        let Some(_turn) = self.turn(wanted, progress) else { return Ok(ended) };
+        let mut reported = begun;
         let places: Vec<_> = values.into_iter().map(|(parameter, value)| (parameter.place, value)).collect();
         let settings = if wanted.fine { self.fine } else { self.settings };
         let Steps { events, changes } = match Steps::new(&base.loaded, &wanted.events, settings) {
@@ -230,9 +230,9 @@ impl Session {
         let mut goes_on = true;
         let result = closed.run(settings, |time| {
             goes_on = self.is_newest(wanted);
-            if told.elapsed() > TELLING {
-                told = Instant::now();
-                goes_on &= tell(json!({ "done": (time - start_time) / (stop_time - start_time) }));
+            if reported.elapsed() > REPORT_INTERVAL {
+                reported = Instant::now();
+                goes_on &= progress(json!({ "done": (time - start_time) / (stop_time - start_time) }));
             }
             goes_on || time >= stop_time
         });
@@ -258,20 +258,20 @@ impl Session {
     }
 
     /// Waits until a run may begin; none if the page no longer waits for it.
-    fn turn(&self, wanted: &Wanted, tell: &mut dyn FnMut(Value) -> bool) -> Option<Option<MutexGuard<'_, ()>>> {
+    fn turn(&self, wanted: &Wanted, progress: &mut dyn FnMut(Value) -> bool) -> Option<Option<MutexGuard<'_, ()>>> {
         let Some(turn) = &self.turn else { return Some(None) };
-        let mut told = Instant::now();
+        let mut reported = Instant::now();
         loop {
             match turn.try_lock() {
                 Ok(turn) => return Some(Some(turn)),
                 Err(TryLockError::Poisoned(turn)) => return Some(Some(turn.into_inner())),
                 Err(TryLockError::WouldBlock) => thread::sleep(LOOK),
             }
-            let is_due = told.elapsed() > TELLING;
+            let is_due = reported.elapsed() > REPORT_INTERVAL;
             if is_due {
-                told = Instant::now();
+                reported = Instant::now();
             }
-            if !self.is_newest(wanted) || is_due && !tell(json!({ "done": 0.0, "waits": true })) {
+            if !self.is_newest(wanted) || is_due && !progress(json!({ "done": 0.0, "waits": true })) {
                 return None;
             }
         }

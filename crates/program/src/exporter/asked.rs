@@ -150,7 +150,7 @@ mod tests {
     }
 
     /// A minimal library that requires some versions of one file, and states their number.
-    fn library(versions: &[(&str, u16)], said: u16) -> Vec<u8> {
+    fn library(versions: &[(&str, u16)], version_count: u16) -> Vec<u8> {
         const HEADERS: usize = 64;
         let needs = HEADERS + 3 * 64;
         let names = needs + 16 + 16 * versions.len();
@@ -163,13 +163,13 @@ mod tests {
             put(&mut bytes, place, value.to_le_bytes());
         }
         put(&mut bytes, needs, 1_u16.to_le_bytes());
-        put(&mut bytes, needs + 2, said.to_le_bytes());
+        put(&mut bytes, needs + 2, version_count.to_le_bytes());
         put(&mut bytes, needs + 8, 16_u32.to_le_bytes());
         for (k, (name, flags)) in versions.iter().enumerate() {
             let (place, text) = (needs + 16 + 16 * k, (bytes.len() - names) as u32);
             put(&mut bytes, place + 4, flags.to_le_bytes());
             put(&mut bytes, place + 8, text.to_le_bytes());
-            let next = if k + 1 < usize::from(said) { 16_u32 } else { 0 };
+            let next = if k + 1 < usize::from(version_count) { 16_u32 } else { 0 };
             put(&mut bytes, place + 12, next.to_le_bytes());
             bytes.extend([name.as_bytes(), b"\0"].concat());
         }

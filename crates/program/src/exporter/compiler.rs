@@ -85,8 +85,8 @@ pub fn compile(folder: &Path, platform: Platform, portable: bool) -> Result<Vec<
     command.arg(folder.join("all.c")).arg("-o").arg(&library).arg("-lm");
     let output = command.output().map_err(Error::file(&program))?;
     if !output.status.success() {
-        let told = String::from_utf8_lossy(&output.stderr);
-        return Err(Error::Library(format!("{program} can't compile the FMU for {}: {told}", platform.folder)));
+        let error = String::from_utf8_lossy(&output.stderr);
+        return Err(Error::Library(format!("{program} can't compile the FMU for {}: {error}", platform.folder)));
     }
     std::fs::read(&library).map_err(Error::file(&library))
 }

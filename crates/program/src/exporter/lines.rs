@@ -80,7 +80,7 @@ feedback_gain = [
 
     #[test]
     fn each_reason_has_the_line_of_its_key() {
-        for (reason, told) in [
+        for (reason, message) in [
             ("[start] omega = -1.0: must be above 0", "line 8: [start] omega = -1.0: must be above 0"),
             ("omega = -1: must be above 0", "line 8: omega = -1: must be above 0"),
             ("feedback_gain[1,1] = 1: is too small", "line 11: feedback_gain[1,1] = 1: is too small"),
@@ -91,7 +91,7 @@ feedback_gain = [
             ("[structure]: missing field `gain`", "line 3: [structure]: missing field `gain`"),
             ("something else", "something else"),
         ] {
-            assert_eq!(placed(TEXT, reason), told);
+            assert_eq!(placed(TEXT, reason), message);
         }
         assert_eq!(placed("no TOML", "name = a"), "name = a");
     }

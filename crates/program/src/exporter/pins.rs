@@ -150,11 +150,11 @@ mod tests {
 
     #[test]
     fn elements_of_a_vector_are_told_as_a_range() {
-        let told = |names: &[&str]| ranges(names.iter().copied());
-        assert_eq!(told(&["x[1]", "x[2]", "x[3]", "u[1]", "enabled"]), ["x[1…3]", "u[1]", "enabled"]);
-        assert_eq!(told(&["x[1]", "x[3]", "speed", "current"]), ["x[1]", "x[3]", "speed", "current"]);
+        let ranges_of = |names: &[&str]| ranges(names.iter().copied());
+        assert_eq!(ranges_of(&["x[1]", "x[2]", "x[3]", "u[1]", "enabled"]), ["x[1…3]", "u[1]", "enabled"]);
+        assert_eq!(ranges_of(&["x[1]", "x[3]", "speed", "current"]), ["x[1]", "x[3]", "speed", "current"]);
         let pairs = [["x[7]", "y[1]"], ["x[8]", "y[2]"], ["x[9]", "y[4]"]];
-        let told = runs(pairs.into_iter());
-        assert_eq!(told, [["x[7…8]".to_owned(), "y[1…2]".to_owned()], ["x[9]".to_owned(), "y[4]".to_owned()]]);
+        let both = runs(pairs.into_iter());
+        assert_eq!(both, [["x[7…8]".to_owned(), "y[1…2]".to_owned()], ["x[9]".to_owned(), "y[4]".to_owned()]]);
     }
 }

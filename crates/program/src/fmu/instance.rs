@@ -86,9 +86,9 @@ impl Instance {
             Ok(answer) => self.check(function, answer),
             Err(reason) => {
                 self.may_try_again.set(false);
-                let said = self.unit.messages();
-                let said = if said.is_empty() { String::new() } else { format!("; {}", said.joined()) };
-                Err(self.refusal(function, format!("{reason}{said}")))
+                let logged = self.unit.messages();
+                let logged = if logged.is_empty() { String::new() } else { format!("; {}", logged.joined()) };
+                Err(self.refusal(function, format!("{reason}{logged}")))
             }
         }
     }

@@ -24,7 +24,7 @@ use crate::jit::{self, Compiled};
 use crate::kernel::Kernel;
 
 /// Functions that a library exports in addition to those of the standard.
-type Tell = unsafe extern "C" fn(Component, Component, Option<Reply>, *mut c_void) -> c_int;
+type ReadFunctions = unsafe extern "C" fn(Component, Component, Option<Reply>, *mut c_void) -> c_int;
 type Reply = unsafe extern "C" fn(*mut c_void, *const c_char);
 type Take = unsafe extern "C" fn(Component, *const Kernel) -> c_int;
 type Has = unsafe extern "C" fn(Component) -> c_int;
@@ -68,7 +68,7 @@ pub struct Common(Arc<Sought>);
 /// The functions of one loaded library.
 #[derive(Debug, Clone, Copy)]
 struct Functions {
-    tell: Tell,
+    read: ReadFunctions,
     take: Take,
     has: Has,
 }
@@ -107,7 +107,8 @@ impl Awaited {
 
     /// Compiles a kernel for the parameters that two instances of the library have in common; none if that fails.
     pub fn compile_common(&self, components: [Component; 2], binary: &Arc<Binary>) -> Option<Common> {
-        let functions = read_kernel(&told(components[0], components[1], self.functions.tell).ok()?).ok()?.ok()?;
+        let functions =
+            read_kernel(&equations_text(components[0], components[1], self.functions.read).ok()?).ok()?.ok()?;
         let made = Made { compiled: Compiled::of(&functions).ok()?, _library: Arc::clone(binary) };
         // It is complete, so a second one never comes.
         let found = [OnceLock::from(Ok(made)), OnceLock::from(Err(String::new()))];
@@ -120,7 +121,7 @@ impl Awaited {
     }
 
     /// Text on how equations are evaluated.
-    pub fn told(&self) -> String {
+    pub fn status(&self) -> String {
         let failed = self.sought.found[0].get().and_then(|found| found.as_ref().err().cloned());
         let as_they_are = failed.or_else(jit::refused).map(|reason| format!("not compiled: {reason}"));
         as_they_are.unwrap_or_else(|| "compiled during the run".to_owned())
@@ -213,12 +214,12 @@ impl Equations {
 impl Functions {
     fn of(binary: &Binary) -> Option<Self> {
         let find = |name| binary.symbol(name);
-        let (tell, take) = (find("adaptive_fmu_kernel_functions")?, find("adaptive_fmu_take_kernel")?);
+        let (read, take) = (find("adaptive_fmu_kernel_functions")?, find("adaptive_fmu_take_kernel")?);
         let has = find("adaptive_fmu_has_kernel")?;
         // SAFETY: a library of this crate gives the symbols these types.
         unsafe {
             Some(Functions {
-                tell: std::mem::transmute::<Symbol, Tell>(tell),
+                read: std::mem::transmute::<Symbol, ReadFunctions>(read),
                 take: std::mem::transmute::<Symbol, Take>(take),
                 has: std::mem::transmute::<Symbol, Has>(has),
             })
@@ -239,7 +240,7 @@ impl Sought {
             if which == 0 && !self.begun.swap(true, Ordering::Relaxed) {
                 // For its own parameters, or for any.
                 let other = if folded { component } else { std::ptr::null_mut() };
-                self.begin(told(component, other, functions.tell), binary);
+                self.begin(equations_text(component, other, functions.read), binary);
             }
             return None;
         };
@@ -250,11 +251,11 @@ impl Sought {
     }
 
     /// Starts the compilation of both.
-    fn begin(self: &Arc<Self>, told: Result<String, String>, binary: &Arc<Binary>) {
+    fn begin(self: &Arc<Self>, text: Result<String, String>, binary: &Arc<Binary>) {
         let (sought, binary) = (Arc::clone(self), Arc::clone(binary));
         thread::spawn(move || {
             let made = |compiled| Made { compiled, _library: Arc::clone(&binary) };
-            let functions = told.and_then(|told| read_kernel(&told).flatten());
+            let functions = text.and_then(|text| read_kernel(&text).flatten());
             let found = functions.as_ref().map_err(Clone::clone).and_then(Compiled::evaluation);
             let _ = sought.found[0].set(found.map(made));
             let Some(functions) = functions.ok().filter(|functions| functions.jacobian.is_some()) else { return };
@@ -268,10 +269,10 @@ impl Sought {
 }
 
 /// The equations of an instance, as text: for any parameters, or for those that it has in common with another one.
-fn told(component: Component, other: Component, tell: Tell) -> Result<String, String> {
+fn equations_text(component: Component, other: Component, read: ReadFunctions) -> Result<String, String> {
     let mut reply: Option<String> = None;
     // SAFETY: the instances are alive and in no other call, and the reply outlives the call.
-    unsafe { tell(component, other, Some(keep), std::ptr::from_mut(&mut reply).cast()) };
+    unsafe { read(component, other, Some(keep), std::ptr::from_mut(&mut reply).cast()) };
     reply.ok_or_else(|| "the library of the FMU doesn't provide its equations".to_owned())
 }
 

@@ -203,7 +203,7 @@ impl Fmu {
     }
 
     /// Text on its origin, and on how its instances run.
-    pub fn told(&self) -> String {
+    pub fn origin(&self) -> String {
         let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
         let how = match self.co_simulation.as_ref().or_else(exchange) {
             Some(Place::Here { .. }) => "in this process",
@@ -219,7 +219,7 @@ impl Fmu {
     pub fn evaluated(&self) -> Option<String> {
         let exchange = || self.exchange.as_ref().and_then(|place| place.as_ref().ok());
         match self.co_simulation.as_ref().or_else(exchange)? {
-            Place::Here { kernel, .. } => kernel.as_ref().map(Awaited::told),
+            Place::Here { kernel, .. } => kernel.as_ref().map(Awaited::status),
             #[cfg(unix)]
             Place::OwnProcess { .. } => None,
         }

@@ -31,7 +31,7 @@ pub(super) struct OwnProcess {
     patience: Duration,
     buffer: RefCell<Vec<u8>>,
     /// Messages that came with answers.
-    said: RefCell<Messages>,
+    messages: RefCell<Messages>,
     written: Arc<Log>,
     listener: RefCell<Option<JoinHandle<()>>>,
     /// Reason why the process no longer answers.
@@ -49,7 +49,7 @@ impl OwnProcess {
         let reply: Result<Reply, String> = sent.map_err(|error| unit.lost(&error)).and_then(|()| unit.reply());
         let refused = match reply {
             Ok(Reply { answer: Ok(_), messages, .. }) => {
-                unit.said.borrow_mut().append(messages);
+                unit.messages.borrow_mut().append(messages);
                 return Ok(unit);
             }
             Ok(Reply { answer: Err(reason), .. }) => reason,
@@ -74,9 +74,9 @@ impl OwnProcess {
         let written = Arc::<Log>::default();
         let log = Arc::clone(&written);
         let listener = RefCell::new(Some(thread::spawn(move || keep_lines(reader, &log))));
-        let (child, buffer, said) = (RefCell::new(child), RefCell::default(), RefCell::default());
+        let (child, buffer, messages) = (RefCell::new(child), RefCell::default(), RefCell::default());
         let gone = RefCell::default();
-        Ok(OwnProcess { child, stream, patience, buffer, said, written, listener, gone, is_freed: false })
+        Ok(OwnProcess { child, stream, patience, buffer, messages, written, listener, gone, is_freed: false })
     }
 
     fn request(&self, request: &Request) -> Result<Reply, String> {
@@ -180,14 +180,14 @@ fn signal_name(signal: i32) -> &'static str {
 impl RunningUnit for OwnProcess {
     fn call(&self, call: Call<'_>) -> Result<Answer, String> {
         let Reply { answer, messages, reals, wholes } = self.request(&Request::of(&call))?;
-        self.said.borrow_mut().append(messages);
+        self.messages.borrow_mut().append(messages);
         let answer = answer?;
         Reply { answer: Ok(answer), messages: Messages::default(), reals, wholes }.hand_over(call)?;
         Ok(answer)
     }
 
     fn messages(&self) -> Messages {
-        let mut messages = self.said.take();
+        let mut messages = self.messages.take();
         messages.append(self.written.take());
         messages
     }
@@ -197,7 +197,7 @@ impl RunningUnit for OwnProcess {
             return Ok(());
         }
         let Reply { answer, messages, .. } = self.request(&Request::Free)?;
-        self.said.borrow_mut().append(messages);
+        self.messages.borrow_mut().append(messages);
         self.end();
         answer.map(|answer| debug_assert_eq!(answer, OK))
     }

@@ -12,7 +12,7 @@ use adaptive_fmu_identification::{Correlations, Model, Pole, SimulatedCourse, ch
 
 use charts::Figure;
 
-pub use text::{lines, meaning, text_of, told, written};
+pub use text::{finding_text, lines, meaning, text_of, written};
 pub use units::convert;
 
 use crate::drawing::{CHARTS, escaped};
@@ -43,7 +43,7 @@ pub struct Table {
 
 /// A finding in words.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Said {
+pub struct FindingText {
     /// True if the model should not be used for a design.
     pub is_bad: bool,
     /// The finding.
@@ -64,7 +64,7 @@ pub struct Report<'a> {
     /// Fits, entries.
     pub tables: Vec<Table>,
     /// Findings.
-    pub findings: Vec<Said>,
+    pub findings: Vec<FindingText>,
     /// The linear model, if any.
     pub model: Option<&'a Model>,
     /// Its poles.
@@ -80,7 +80,7 @@ impl Report<'_> {
     pub fn html(&self) -> String {
         let mut page =
             beginning(self.name, &self.about).replace("</head>", &format!("<style>{CHARTS}{STYLE}</style>\n</head>"));
-        for Said { is_bad, text } in &self.findings {
+        for FindingText { is_bad, text } in &self.findings {
             let class = if *is_bad { " class=\"bad\"" } else { "" };
             let _ = writeln!(page, "<p{class}>{}</p>", escaped(text));
         }

@@ -24,9 +24,9 @@ pub fn text_of(model: &Model) -> Result<String, Error> {
 pub fn lines(found: &Identified, with_options: bool) -> Vec<String> {
     let model = &found.model;
     let mut lines = Vec::new();
-    let mut say = |line: String| lines.push(line);
+    let mut add = |line: String| lines.push(line);
     let measured = if model.outputs.is_empty() { &model.states } else { &model.outputs };
-    say(format!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise"));
+    add(format!("{:24} {:>10} {:>10} {:>12}", "fit of the held-out part", "whole, %", "windows, %", "noise"));
     for (k, name) in measured.iter().enumerate() {
         let of = |fits: &[f64]| {
             fits.get(k)
@@ -34,35 +34,35 @@ pub fn lines(found: &Identified, with_options: bool) -> Vec<String> {
                 .map_or("–".to_owned(), |fit| report::number((fit * 10.0).round() / 10.0))
         };
         let noise = model.noise.get(k).map_or("–".to_owned(), |noise| number(*noise));
-        say(format!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows)));
+        add(format!("{name:24} {:>10} {:>10} {noise:>12}", of(&model.fit.held_out), of(&model.fit.windows)));
     }
-    say(format!("\n{:24} {:>14} {:>14}", "entry", "value", "std. error"));
+    add(format!("\n{:24} {:>14} {:>14}", "entry", "value", "std. error"));
     for entry in &found.entries {
         let place = format!("{}  {}", written(&entry.entry), meaning(&entry.entry, model));
-        say(format!("{place:24} {:>14} {:>14}", number(entry.value), number(entry.error)));
+        add(format!("{place:24} {:>14} {:>14}", number(entry.value), number(entry.error)));
     }
-    say(format!("\n{:24} {:>14} {:>14}", "pole, 1/s", "", "std. error"));
+    add(format!("\n{:24} {:>14} {:>14}", "pole, 1/s", "", "std. error"));
     for pole in found.poles.iter().filter(|pole| pole.imaginary >= 0.0) {
         let imaginary = if pole.imaginary > 0.0 { format!(" ± {}j", number(pole.imaginary)) } else { String::new() };
-        say(format!("{:39} {:>14}", format!("{}{imaginary}", number(pole.real)), number(pole.error())));
+        add(format!("{:39} {:>14}", format!("{}{imaginary}", number(pole.real)), number(pole.error())));
     }
     if !model.disturbance.is_empty() {
-        say(format!("\n{:24} {:>14}", "beyond the model", "at most"));
+        add(format!("\n{:24} {:>14}", "beyond the model", "at most"));
         model
             .inputs
             .iter()
             .zip(&model.disturbance)
-            .for_each(|(name, most)| say(format!("as {name:21} {:>14}", number(*most))));
+            .for_each(|(name, most)| add(format!("as {name:21} {:>14}", number(*most))));
         let rates = model.states.iter().zip(&found.unmatched).filter(|(_, most)| **most > 0.0);
-        rates.for_each(|(name, most)| say(format!("{:24} {:>14}", format!("{name}', by no input"), number(*most))));
+        rates.for_each(|(name, most)| add(format!("{:24} {:>14}", format!("{name}', by no input"), number(*most))));
     }
-    say(format!("\nmethod: {}", model.method));
-    found.findings.iter().for_each(|finding| say(told(finding, with_options)));
+    add(format!("\nmethod: {}", model.method));
+    found.findings.iter().for_each(|finding| add(finding_text(finding, with_options)));
     lines
 }
 
 /// A finding in words.
-pub fn told(finding: &Finding, with_options: bool) -> String {
+pub fn finding_text(finding: &Finding, with_options: bool) -> String {
     let verdict = match finding.verdict {
         Verdict::Note => "note",
         Verdict::Warning => "warning",

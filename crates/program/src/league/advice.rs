@@ -43,7 +43,7 @@ fn measured(study: &Study, records: &[Record], advice: &Advice) -> Result<Option
         let (quantity, found) = meant(study, records, word)?;
         ran &= found.is_some_and(|(_, record)| record.next().is_none());
         let value = found.and_then(|(plant, record)| quantity.of(plant, record));
-        because.push_str(&value.map_or("–".to_owned(), |value| quantity.told(value)));
+        because.push_str(&value.map_or("–".to_owned(), |value| quantity.to_text(value)));
         rest = behind;
     }
     because.push_str(rest);

@@ -111,9 +111,9 @@ impl Pair<'_> {
 
 impl Gains {
     /// The gains as text, without the name of the controller.
-    pub fn told(&self) -> String {
+    pub fn to_text(&self) -> String {
         let plain = |name: &String| name.strip_prefix(CONTROLLER).unwrap_or(name).trim_start_matches('.').to_owned();
-        let told = self.values.iter().map(|(name, value)| format!("{} = {value:.4}", plain(name)));
-        told.collect::<Vec<_>>().join(", ")
+        let pairs = self.values.iter().map(|(name, value)| format!("{} = {value:.4}", plain(name)));
+        pairs.collect::<Vec<_>>().join(", ")
     }
 }

@@ -32,12 +32,12 @@ pub fn laws(study: &Study, records: &[Record]) -> Vec<Law> {
 }
 
 fn sentences(study: &Study, records: &[Record], own: &[&Record]) -> Vec<String> {
-    let mut told = vec![conditions(own)];
-    told.extend(ranks(study, records, own));
+    let mut lines = vec![conditions(own)];
+    lines.extend(ranks(study, records, own));
     for name in ["median", "variation", "dead_time", "step", "instructions"] {
-        told.extend(Quantity::named(name).ok().and_then(|quantity| beside_best(study, records, own, quantity)));
+        lines.extend(Quantity::named(name).ok().and_then(|quantity| beside_best(study, records, own, quantity)));
     }
-    told
+    lines
 }
 
 /// The number of conditions that it passed, and those that it failed.
@@ -50,16 +50,16 @@ fn conditions(own: &[&Record]) -> String {
     let failed: Vec<_> = all.iter().filter(|(.., holds)| !holds).collect();
     let held = all.len() - failed.len();
     let plants = if own.len() == 1 { format!("on {}", own[0].plant) } else { format!("on {} plants", own.len()) };
-    let mut told = format!("Passes {held} of {} conditions {plants}", all.len());
+    let mut text = format!("Passes {held} of {} conditions {plants}", all.len());
     if !failed.is_empty() {
         let plants = own.iter().map(|record| record.plant.as_str());
         let listed = plants.filter_map(|plant| {
             let of: Vec<_> = failed.iter().filter(|(known, ..)| *known == plant).map(|(_, c, _)| c.title()).collect();
             (!of.is_empty()).then(|| format!("{plant} ({})", of.join(", ")))
         });
-        told.push_str(&format!("; fails on {}", listed.collect::<Vec<_>>().join(", ")));
+        text.push_str(&format!("; fails on {}", listed.collect::<Vec<_>>().join(", ")));
     }
-    told + "."
+    text + "."
 }
 
 /// Plants on which it is first or behind others, if intervals separate them.
@@ -82,22 +82,22 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
     if ranked == 0 {
         return None;
     }
-    let mut told = Vec::new();
+    let mut sentences = Vec::new();
     if !first.is_empty() {
-        told.push(format!("smallest median error, without a tie, on {}", first.join(", ")));
+        sentences.push(format!("smallest median error, without a tie, on {}", first.join(", ")));
     }
     let with_others = ranked - first.len() - behind.len();
     if with_others > 0 {
-        told.push(format!(
+        sentences.push(format!(
             "tied for the smallest median error (overlapping intervals) on {with_others} of {ranked} plants"
         ));
     }
     if !behind.is_empty() {
-        told.push(format!("behind others on {}", behind.join(", ")));
+        sentences.push(format!("behind others on {}", behind.join(", ")));
     }
-    let mut told = told.join("; ") + ".";
-    told[..1].make_ascii_uppercase();
-    Some(told)
+    let mut sentences = sentences.join("; ") + ".";
+    sentences[..1].make_ascii_uppercase();
+    Some(sentences)
 }
 
 /// A quantity relative to the best of each plant.

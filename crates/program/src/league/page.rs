@@ -127,12 +127,12 @@ fn push_plant(page: &mut String, plant: &Plant, records: &[&Record]) {
     page.push_str("<h3>Tuned gains</h3>\n<dl>\n");
     for record in records {
         let Some(gains) = &record.gains else { continue };
-        let told = if gains.values.is_empty() { "none to tune".to_owned() } else { gains.told() };
+        let text = if gains.values.is_empty() { "none to tune".to_owned() } else { gains.to_text() };
         let (before, after) = (four_digits(gains.before), four_digits(gains.after));
-        let told = escaped(&format!("{told} (cost {before} before, {after} after {} runs)", gains.runs));
+        let text = escaped(&format!("{text} (cost {before} before, {after} after {} runs)", gains.runs));
         let computed = record.computed.as_ref().map_or(String::new(), |day| format!(" on {}", escaped(day)));
         let computed = format!("<small>computed by version {}{computed}</small>", escaped(&record.version));
-        let _ = writeln!(page, "<dt>{}<dd>{told} {computed}", escaped(&record.controller));
+        let _ = writeln!(page, "<dt>{}<dd>{text} {computed}", escaped(&record.controller));
     }
     page.push_str("</dl>\n");
 }
@@ -151,12 +151,12 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
         match &record.spread {
             Some(spread) => {
                 let (rate, [low, high]) = spread.rate();
-                let told = format!("{:.0} % <small>{:.0} … {:.0} %</small>", 100.0 * rate, 100.0 * low, 100.0 * high);
-                let _ = write!(page, "<td>{told}{}", place(standing.failures));
+                let text = format!("{:.0} % <small>{:.0} … {:.0} %</small>", 100.0 * rate, 100.0 * low, 100.0 * high);
+                let _ = write!(page, "<td>{text}{}", place(standing.failures));
                 let (median, [low, high]) = spread.median();
                 let end = |end: Option<f64>| end.map_or("fails".to_owned(), four_digits);
-                let told = format!("{} <small>{} … {}</small>", end(median), end(low), end(high));
-                let _ = write!(page, "<td>{told}{}", place(standing.error));
+                let text = format!("{} <small>{} … {}</small>", end(median), end(low), end(high));
+                let _ = write!(page, "<td>{text}{}", place(standing.error));
             }
             None => page.push_str("<td>–<td>–"),
         }
@@ -175,9 +175,9 @@ fn push_results(page: &mut String, plant: &Plant, records: &[&Record]) {
         match &record.margins {
             Some(margins) => {
                 let times = [margins.dead_time, margins.lag].map(|margin| time(&margin));
-                let gains = [margins.gain, margins.divided].map(|margin| margin_told(&margin, 1.0, ""));
-                for told in times.into_iter().chain(gains).chain([time(&margins.step)]) {
-                    let _ = write!(page, "<td class=\"number\">{told}");
+                let gains = [margins.gain, margins.divided].map(|margin| margin_text(&margin, 1.0, ""));
+                for text in times.into_iter().chain(gains).chain([time(&margins.step)]) {
+                    let _ = write!(page, "<td class=\"number\">{text}");
                 }
             }
             None => page.push_str(&"<td>–".repeat(5)),
@@ -200,10 +200,10 @@ fn place(rank: Option<Rank>) -> String {
 }
 
 fn time(margin: &Margin) -> String {
-    margin_told(margin, 1e3, " ms")
+    margin_text(margin, 1e3, " ms")
 }
 
-fn margin_told(margin: &Margin, scale: f64, unit: &str) -> String {
+fn margin_text(margin: &Margin, scale: f64, unit: &str) -> String {
     let value = scale * margin.value;
     let value = if value >= 10.0 { format!("{value:.0}") } else { format!("{value:.2}") };
     match margin.bound {

@@ -78,7 +78,7 @@ impl Quantity {
     }
 
     /// A value as text for the page.
-    pub fn told(&self, value: f64) -> String {
+    pub fn to_text(&self, value: f64) -> String {
         if self.is_part { format!("{:.0} %", 100.0 * value) } else { four_digits(value) }
     }
 

@@ -342,8 +342,8 @@ impl Plant {
             ));
         }
         if !(*step > 0.0 && *settled >= 0.0 && settled < duration && duration.is_finite()) {
-            let told = format!("step = {step}, settled = {settled}, duration = {duration}");
-            return Err(format!("{told}: must satisfy 0 < step and 0 <= settled < duration, in s"));
+            let text = format!("step = {step}, settled = {settled}, duration = {duration}");
+            return Err(format!("{text}: must satisfy 0 < step and 0 <= settled < duration, in s"));
         }
         let Bench { u_min, u_max, lag, sample_time, .. } = &self.bench;
         let has_room = u_min.len() == u_max.len() && u_min.iter().zip(u_max).all(|(low, high)| low < high);

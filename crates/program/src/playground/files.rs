@@ -56,7 +56,7 @@ pub fn answer(
     wanted: &Wanted,
     ready: &Ready,
     library: &dyn Fn() -> Result<Library, Error>,
-    tell: &mut dyn FnMut(Value),
+    progress: &mut dyn FnMut(Value),
 ) -> Result<Value, Error> {
     let designed = wanted.design.designed()?;
     let name = &wanted.design.name;
@@ -64,12 +64,12 @@ pub fn answer(
         What::Toml => (format!("{name}.toml"), "application/toml", designed.source.text.into_bytes()),
         What::Report => report(&designed, name, ready)?,
         What::Fmu => {
-            tell(json!({ "progress": 0.1, "text": "the FMU and its reference experiment" }));
+            progress(json!({ "progress": 0.1, "text": "the FMU and its reference experiment" }));
             let (file, bytes) = fmu(&designed.source, &library()?)?;
             (file, ZIP, bytes)
         }
-        What::C => c(&designed, name, ready, tell)?,
-        What::Loop => whole_loop(&designed, name, &library()?, tell)?,
+        What::C => c(&designed, name, ready, progress)?,
+        What::Loop => whole_loop(&designed, name, &library()?, progress)?,
     };
     Ok(json!({ "name": file, "type": media, "base64": base64::padded(&bytes) }))
 }
@@ -96,10 +96,10 @@ fn c(
     Designed { source, .. }: &Designed,
     name: &str,
     ready: &Ready,
-    tell: &mut dyn FnMut(Value),
+    progress: &mut dyn FnMut(Value),
 ) -> Result<Written, Error> {
     let design = DesignLoop::new(source, ready.library())?;
-    tell(json!({ "progress": 0.1, "text": "the loop, for the number of Runge-Kutta steps" }));
+    progress(json!({ "progress": 0.1, "text": "the loop, for the number of Runge-Kutta steps" }));
     let (_, structure, _) = design.structure(name, settling(source, &design, ready.library())?, ready.library())?;
     let own = structure.components.iter().find(|component| component.fmu == *name);
     let component = own.ok_or_else(|| Error::Argument(Invalid::because("the controller isn't in its loop")))?;
@@ -107,7 +107,7 @@ fn c(
     let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
     let xml = ModelDescription::read(&unit.model_description).map_err(refuse)?;
     let found = in_loop(&structure, component, (period(&xml, structure.step), None), ready)?;
-    tell(json!({ "progress": 0.6, "text": "C and test vectors" }));
+    progress(json!({ "progress": 0.6, "text": "C and test vectors" }));
     let signals = (!found.signals.is_empty()).then_some(found.signals);
     let options = Options { substeps: found.substeps, signals, ..Options::default() };
     let (files, _) = firmware(source, ready.library(), &options)?;
@@ -122,7 +122,7 @@ fn whole_loop(
     Designed { source, .. }: &Designed,
     name: &str,
     library: &Library,
-    tell: &mut dyn FnMut(Value),
+    progress: &mut dyn FnMut(Value),
 ) -> Result<Written, Error> {
     let design = DesignLoop::new(source, library)?;
     let (written, structure, text) =
@@ -130,7 +130,7 @@ fn whole_loop(
     let count = structure.components.len() as f64;
     let (mut archives, mut descriptions) = (Vec::new(), Vec::new());
     for (k, component) in structure.components.iter().enumerate() {
-        tell(json!({ "progress": k as f64 / count, "text": format!("the FMU {}", component.fmu) }));
+        progress(json!({ "progress": k as f64 / count, "text": format!("the FMU {}", component.fmu) }));
         let own = structure.description_of(&component.fmu)?;
         let (unit, _) = describe(&own, library)?;
         let refuse = |reason: String| Error::Description { file: own.file.clone(), reason };

@@ -42,12 +42,12 @@ pub fn answer(
     question: &Question,
     ready: &Ready,
     library: &dyn Fn() -> Result<Library, Error>,
-    tell: &mut dyn FnMut(Value),
+    progress: &mut dyn FnMut(Value),
 ) -> Result<Value, Error> {
     match question {
         Question::About(()) => about::about(),
         Question::Design(wanted) => design::answer(wanted, ready),
-        Question::File(wanted) => files::answer(wanted, ready, library, tell),
+        Question::File(wanted) => files::answer(wanted, ready, library, progress),
         Question::Columns(table) => records::columns(table),
         Question::Identify(wanted) => records::identified(wanted),
     }

@@ -48,13 +48,13 @@ impl Claim {
     /// # Errors
     /// When it names a run or a metric that doesn't exist, or has no criterion.
     pub fn judge(&self, outcomes: &[Outcome]) -> Result<Judged, String> {
-        let mut told = Vec::new();
+        let mut endings = Vec::new();
         let mut holds = true;
         for name in &self.measured {
             let metric = metric(name, outcomes)?;
             let limit = self.limit.or(metric.limit).ok_or_else(|| format!("`{name}` has no limit"))?;
             holds &= metric.value.is_some_and(|value| value <= limit);
-            told.push(format!("{} {} ({limit} allowed)", short(name, outcomes), shown(metric)));
+            endings.push(format!("{} {} ({limit} allowed)", short(name, outcomes), shown(metric)));
         }
         if self.smaller.len() != self.than.len() {
             return Err(format!("`{}`: `smaller` and `than` must list as many metrics as each other", self.text));
@@ -62,17 +62,17 @@ impl Claim {
         for (small, large) in self.smaller.iter().zip(&self.than) {
             let (less, more) = (metric(small, outcomes)?, metric(large, outcomes)?);
             holds &= less.value.zip(more.value).is_some_and(|(less, more)| less < more);
-            told.push(format!("{small} {} against {} in {}", shown(less), shown(more), run_of(large)));
+            endings.push(format!("{small} {} against {} in {}", shown(less), shown(more), run_of(large)));
         }
         if let Some(run) = &self.fails {
             let outcome = outcome(run, outcomes)?;
             holds &= outcome.verdict == Verdict::Holds && matches!(outcome.ending, Ending::Failed(_));
-            told.push(outcome.told());
+            endings.push(outcome.to_text());
         }
-        if told.is_empty() {
+        if endings.is_empty() {
             return Err(format!("`{}` has no criterion: give measured, smaller and than, or fails", self.text));
         }
-        Ok(Judged { claim: self.text.clone(), measured: told.join("; "), holds, remark: self.remark.clone() })
+        Ok(Judged { claim: self.text.clone(), measured: endings.join("; "), holds, remark: self.remark.clone() })
     }
 }
 

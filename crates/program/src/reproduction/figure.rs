@@ -213,8 +213,8 @@ impl Figure {
             let mut rows = Vec::new();
             for (curve, unit) in path.iter().zip(&mut units) {
                 let samples = samples(curve, outcomes)?;
-                if let Some(told) = &samples.unit {
-                    unit.clone_from(told);
+                if let Some(found) = &samples.unit {
+                    unit.clone_from(found);
                 }
                 rows.push(&samples.rows);
             }

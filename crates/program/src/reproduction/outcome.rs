@@ -83,7 +83,7 @@ impl Outcome {
     }
 
     /// Its ending in a few words.
-    pub fn told(&self) -> String {
+    pub fn to_text(&self) -> String {
         match self.ending {
             Ending::Complete => format!("ran to {} s", self.end),
             Ending::Interrupted => format!("was interrupted at {} s", self.end),

@@ -140,7 +140,7 @@ fn push_table(page: &mut String, Table { title, head, rows }: &Table) {
 /// Adds failures that the loop isn't meant to show.
 fn push_shortfall(page: &mut String, outcome: &Outcome) {
     if let (Ending::Failed(reason), Verdict::Failed | Verdict::Beyond) = (&outcome.ending, outcome.verdict) {
-        let text = format!("{} {}: {reason}", outcome.run, outcome.told());
+        let text = format!("{} {}: {reason}", outcome.run, outcome.to_text());
         let _ = writeln!(page, "<p class=\"bad\">{}</p>", escaped(&text));
     }
 }
@@ -197,8 +197,8 @@ fn signed(difference: f64) -> String {
 
 fn cells<'a>(outcome: &Outcome, labels: impl Iterator<Item = &'a str>) -> String {
     if outcome.ending != Ending::Complete {
-        let (width, told) = (labels.count().max(1), escaped(&outcome.told()));
-        return format!("<td class=\"number\" colspan=\"{width}\">{told}");
+        let (width, ending) = (labels.count().max(1), escaped(&outcome.to_text()));
+        return format!("<td class=\"number\" colspan=\"{width}\">{ending}");
     }
     let value = |label: &str| -> Option<&Measured> { outcome.measured.iter().find(|metric| metric.label == label) };
     let number = |label| value(label).and_then(|metric| metric.value).map_or("–".to_owned(), four_digits);

@@ -20,7 +20,7 @@ pub(crate) use metrics::Difference;
 pub use metrics::{Meter, measure};
 pub use overview::{Row, Verdict, table};
 pub use provenance::{Asked, Mark, Provenance, UnitMark, Versions};
-pub use recorded::{FILES, METRICS, Recorded, RecordedRun, told};
+pub use recorded::{FILES, METRICS, Recorded, RecordedRun, metrics_json};
 pub use recorder::{Ended, Recorder, TablePlace, Tabled};
 pub use report::{Ending, Report, Thinned};
 pub(crate) use step_response::StepResponse;

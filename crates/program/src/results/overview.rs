@@ -147,11 +147,11 @@ mod tests {
 
     #[test]
     fn a_metric_is_told_with_its_limit_where_it_has_both() {
-        let told = |value, limit| piece(&Measured { label: "max |e|, t >= 5 s".into(), value, limit });
-        assert_eq!(told(Some(0.5), Some(1.0)), "max |e| 0.5000 ≤ 1");
-        assert_eq!(told(Some(2.0), Some(1.0)), "max |e| 2.000 > 1");
-        assert_eq!(told(Some(2.0), None), "max |e| 2.000");
-        assert_eq!(told(None, Some(1.0)), "max |e| –");
+        let text = |value, limit| piece(&Measured { label: "max |e|, t >= 5 s".into(), value, limit });
+        assert_eq!(text(Some(0.5), Some(1.0)), "max |e| 0.5000 ≤ 1");
+        assert_eq!(text(Some(2.0), Some(1.0)), "max |e| 2.000 > 1");
+        assert_eq!(text(Some(2.0), None), "max |e| 2.000");
+        assert_eq!(text(None, Some(1.0)), "max |e| –");
     }
 
     #[test]

@@ -118,7 +118,7 @@ pub struct UnitMark {
 
 impl UnitMark {
     /// Updates how the equations of components are evaluated, as far as it is known by now.
-    pub fn tell_evaluated(marks: &mut BTreeMap<String, Self>, loaded: &LoadedLoop) {
+    pub fn note_evaluated(marks: &mut BTreeMap<String, Self>, loaded: &LoadedLoop) {
         for unit in loaded.units() {
             marks.entry(unit.name.clone()).and_modify(|mark| mark.evaluated = unit.fmu.evaluated());
         }
@@ -147,11 +147,12 @@ impl UnitMark {
     fn of(unit: &LoadedUnit, file: Option<Mark>) -> Self {
         let ModelDescription { name, guid, variables, .. } = &unit.fmu.description;
         let differs = |(place, value): &&(usize, fmu::Value)| own_start(&variables[*place]).as_ref() != Some(value);
-        let parameter =
-            |(place, value): &(usize, fmu::Value)| (variables[*place].name.clone(), told(value, &variables[*place]));
+        let parameter = |(place, value): &(usize, fmu::Value)| {
+            (variables[*place].name.clone(), value_json(value, &variables[*place]))
+        };
         let integration = ABOUT_STEPS.iter().filter_map(|name| {
             let place = unit.fmu.description.place(name)?;
-            Some(((*name).to_owned(), told(&unit.value(place)?, &variables[place])))
+            Some(((*name).to_owned(), value_json(&unit.value(place)?, &variables[place])))
         });
         UnitMark {
             fmu: name.clone(),
@@ -165,7 +166,7 @@ impl UnitMark {
 }
 
 /// A value as results show it: an enumeration's is the name of the item.
-fn told(value: &fmu::Value, variable: &Variable) -> Value {
+fn value_json(value: &fmu::Value, variable: &Variable) -> Value {
     match value {
         fmu::Value::Real(number) => (*number).into(),
         fmu::Value::Integer(number) => match variable.items.iter().find(|(_, item)| item == number) {
@@ -180,11 +181,11 @@ fn told(value: &fmu::Value, variable: &Variable) -> Value {
 impl Provenance {
     /// Differences from an earlier run, as text. Evaluation of equations is left out, since it doesn't change results.
     pub fn differences(&self, earlier: &Self) -> Vec<String> {
-        let told = |it: &Self| {
+        let json = |it: &Self| {
             let mut it = it.clone();
             it.units.values_mut().for_each(|unit| unit.evaluated = None);
             serde_json::to_value(it).unwrap_or_default()
         };
-        differences(&told(earlier), &told(self))
+        differences(&json(earlier), &json(self))
     }
 }

@@ -32,25 +32,25 @@ struct About {
 }
 
 /// The content of `metrics.json`.
-pub fn told(report: &Report, provenance: Option<&Provenance>, written: &Value) -> Value {
+pub fn metrics_json(report: &Report, provenance: Option<&Provenance>, written: &Value) -> Value {
     let Report { structure, recording, measured, ending, thinned, .. } = report;
-    let mut told = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
-    let Some(provenance) = provenance else { return told };
+    let mut content = json!({ "loop": structure.name, "ended": ending.word(), "metrics": measured });
+    let Some(provenance) = provenance else { return content };
     let about = structure.metrics.iter().map(|metric| {
         let Metric { label, of, minus, funnel, .. } = metric.clone();
         About { label, of, minus, funnel: funnel.map(|PerformanceFunction { start, end, rate }| [start, end, rate]) }
     });
-    told["description"] = json!(structure.description);
-    told["about"] = json!(about.collect::<Vec<_>>());
-    told["signals"] = json!(recording.names.iter().zip(&recording.measures).collect::<Vec<_>>());
-    told["written"] = written.clone();
+    content["description"] = json!(structure.description);
+    content["about"] = json!(about.collect::<Vec<_>>());
+    content["signals"] = json!(recording.names.iter().zip(&recording.measures).collect::<Vec<_>>());
+    content["written"] = written.clone();
     if let Some(Thinned { of, .. }) = thinned {
-        told["drawn"] = json!({ "points": recording.times.len(), "of": of });
+        content["drawn"] = json!({ "points": recording.times.len(), "of": of });
     }
     if let Ok(Value::Object(provenance)) = serde_json::to_value(provenance) {
-        provenance.into_iter().for_each(|(key, value)| told[key] = value);
+        provenance.into_iter().for_each(|(key, value)| content[key] = value);
     }
-    told
+    content
 }
 
 /// Results of an earlier run.
@@ -64,7 +64,7 @@ pub struct Recorded {
     pub written: Value,
     /// Its ending.
     pub ended: String,
-    told: Value,
+    metrics: Value,
 }
 
 impl Recorded {
@@ -80,8 +80,8 @@ impl Recorded {
     pub fn read(folder: &Path) -> Result<Self, Error> {
         let file = folder.join(METRICS);
         let refuse = |reason: String| Error::Loop { file: file.clone(), reason };
-        let told = sealed::read(&file, "file of metrics")?.content;
-        let format = told["versions"]["format"].as_u64();
+        let metrics = sealed::read(&file, "file of metrics")?.content;
+        let format = metrics["versions"]["format"].as_u64();
         if format.is_none() {
             return Err(refuse("has no settings of its run. Run the loop again by its name".to_owned()));
         }
@@ -90,10 +90,11 @@ impl Recorded {
                 "was written by a later version of this program. This version reads results up to format {FORMAT}"
             )));
         }
-        let provenance = Provenance::deserialize(&told).map_err(|error| refuse(format!("can't be read: {error}")))?;
-        let text = |name: &str| told[name].as_str().unwrap_or_default().to_owned();
-        let (ended, written) = (text("ended"), told["written"].clone());
-        Ok(Recorded { folder: folder.to_owned(), provenance, written, ended, told })
+        let provenance =
+            Provenance::deserialize(&metrics).map_err(|error| refuse(format!("can't be read: {error}")))?;
+        let text = |name: &str| metrics[name].as_str().unwrap_or_default().to_owned();
+        let (ended, written) = (text("ended"), metrics["written"].clone());
+        Ok(Recorded { folder: folder.to_owned(), provenance, written, ended, metrics })
     }
 
     /// Checks the files of its table against the marks that the run noted. Returns false if there are none, as from
@@ -131,9 +132,9 @@ impl Recorded {
         let file = self.folder.join(METRICS);
         let wrong =
             |error: serde_json::Error| Error::Loop { file: file.clone(), reason: format!("can't be read: {error}") };
-        let about = Vec::<About>::deserialize(&self.told["about"]).map_err(wrong)?;
-        let measured = Vec::<Measured>::deserialize(&self.told["metrics"]).map_err(wrong)?;
-        let signals = Vec::<(String, String)>::deserialize(&self.told["signals"]).map_err(wrong)?;
+        let about = Vec::<About>::deserialize(&self.metrics["about"]).map_err(wrong)?;
+        let measured = Vec::<Measured>::deserialize(&self.metrics["metrics"]).map_err(wrong)?;
+        let signals = Vec::<(String, String)>::deserialize(&self.metrics["signals"]).map_err(wrong)?;
         let recording = self.table(signals)?;
         let asked = &self.provenance.settings;
         let settings = Settings { start_time: asked.start_time, stop_time: asked.stop_time, step: asked.step };
@@ -141,7 +142,7 @@ impl Recorded {
             let funnel = funnel.map(|[start, end, rate]| PerformanceFunction { start, end, rate });
             Metric { label, statistic: Statistic::Max, of, minus, funnel, from: settings.start_time, limit: None }
         };
-        let text = |name: &str| self.told[name].as_str().unwrap_or_default().to_owned();
+        let text = |name: &str| self.metrics[name].as_str().unwrap_or_default().to_owned();
         let mut structure = Structure::bare(file, self.folder.display().to_string(), text("description"), settings);
         structure.order = asked.order.as_deref().and_then(|order| order.parse().ok()).unwrap_or(structure.order);
         structure.metrics = about.into_iter().map(metric).collect();

@@ -305,11 +305,11 @@ mod tests {
             assert!(!recorder.take(&mut block));
             recorder.end(&mut block).unwrap_err().to_string()
         };
-        let told = failed(&structure);
-        assert!(told.contains(TABLE) && told.contains("is a folder"), "{told}");
+        let error = failed(&structure);
+        assert!(error.contains(TABLE) && error.contains("is a folder"), "{error}");
         structure.metrics[0].of = "p.z".into();
-        let told = failed(&structure);
-        assert!(told.contains("loop.ssd") && told.contains("no signal `p.z`"), "{told}");
+        let error = failed(&structure);
+        assert!(error.contains("loop.ssd") && error.contains("no signal `p.z`"), "{error}");
     }
 
     #[test]
@@ -323,9 +323,9 @@ mod tests {
                 .html(&[])
         };
         assert!(!page(None).contains("points are drawn"));
-        let told = page(Some(Thinned { of: 5000, every: None }));
-        assert!(told.contains("10 of 5000 points are drawn") && told.contains("result.csv has all"), "{told}");
-        let told = page(Some(Thinned { of: 5000, every: Some(0.5) }));
-        assert!(told.contains("result.csv has one row every 0.5 s"), "{told}");
+        let shown = page(Some(Thinned { of: 5000, every: None }));
+        assert!(shown.contains("10 of 5000 points are drawn") && shown.contains("result.csv has all"), "{shown}");
+        let shown = page(Some(Thinned { of: 5000, every: Some(0.5) }));
+        assert!(shown.contains("result.csv has one row every 0.5 s"), "{shown}");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::closed_loop::{ROUNDING, Said};
+use super::closed_loop::{LoggedMessages, ROUNDING};
 use super::exchange::Exchange;
 use super::inputs::Inputs;
 use super::loaded::may_change;
@@ -100,7 +100,7 @@ impl Alone<'_> {
         let mut ports = self.ports(recording)?;
         let mut row = vec![0.0; recording.names.len()];
         let Settings { start_time, stop_time, .. } = settings;
-        let (mut running, mut said) = (self.begun(start_time, stop_time)?, Said::default());
+        let (mut running, mut logged) = (self.begun(start_time, stop_time)?, LoggedMessages::default());
         let name = &self.fmu.description.name;
         ports.give(running.instance(), &mut row)?;
         recording.push(start_time, &row);
@@ -113,19 +113,19 @@ impl Alone<'_> {
             running.advance(self.inputs, time, next)?;
             ports.give(running.instance(), &mut row)?;
             recording.push(next, &row);
-            said.keep(name, &running.instance().messages(), &mut recording.warnings);
+            logged.keep(name, &running.instance().messages(), &mut recording.warnings);
             if !progress(next) {
                 break;
             }
         }
         let instance = running.into_instance();
         instance.terminate()?;
-        said.keep(name, &instance.messages(), &mut recording.warnings);
+        logged.keep(name, &instance.messages(), &mut recording.warnings);
         let freed = instance.free();
         if let Ok(messages) = &freed {
-            said.keep(name, messages, &mut recording.warnings);
+            logged.keep(name, messages, &mut recording.warnings);
         }
-        said.end(name, recording);
+        logged.end(name, recording);
         freed.map(drop)
     }
 

@@ -41,21 +41,21 @@ struct WiredUnit {
     instance: Instance,
     outputs: Ports,
     inputs: Ports,
-    said: Said,
+    logged: LoggedMessages,
     /// True if it was instantiated for Event Mode.
     by_events: bool,
 }
 
 /// Messages of a component.
 #[derive(Debug, Default)]
-pub(super) struct Said {
+pub(super) struct LoggedMessages {
     count: usize,
     last: String,
     /// Messages of calls that succeeded.
     details: Vec<String>,
 }
 
-impl Said {
+impl LoggedMessages {
     /// Adds messages to the warnings of a run: the first hundred of the component.
     pub fn keep(&mut self, unit: &str, messages: &Messages, warnings: &mut Vec<String>) {
         if messages.count() == 0 && messages.details().is_empty() {
@@ -118,8 +118,8 @@ impl ClosedLoop {
             self.names.push(format!("{prefix}{}", variable.name));
             self.measures.push(variable.unit.clone().unwrap_or_default());
         }
-        let (inputs, said) = (Ports::default(), Said::default());
-        self.units.push(WiredUnit { instance, outputs, inputs, said, by_events });
+        let (inputs, logged) = (Ports::default(), LoggedMessages::default());
+        self.units.push(WiredUnit { instance, outputs, inputs, logged, by_events });
     }
 
     /// Number of its signals.
@@ -159,9 +159,9 @@ impl ClosedLoop {
         changes: &[Change],
         mut watch: impl FnMut(f64, &[f64]) -> bool,
     ) -> Result<(), Error> {
-        let mut told = Recording::default();
-        let result = self.run_into(&mut told, settings, changes, |_, time, row| watch(time, row));
-        self.free(&mut told, result)
+        let mut recording = Recording::default();
+        let result = self.run_into(&mut recording, settings, changes, |_, time, row| watch(time, row));
+        self.free(&mut recording, result)
     }
 
     /// Runs the loop. `progress` gets the time, and may end the run by returning false.
@@ -232,15 +232,15 @@ impl ClosedLoop {
     /// Frees all components, also after a failure. The first failure is returned, further ones are warnings.
     fn free(self, recording: &mut Recording, mut result: Result<(), Error>) -> Result<(), Error> {
         for unit in self.units {
-            let WiredUnit { instance, mut said, .. } = unit;
+            let WiredUnit { instance, mut logged, .. } = unit;
             let name = instance.name().to_owned();
-            said.keep(&name, &instance.messages(), &mut recording.warnings);
+            logged.keep(&name, &instance.messages(), &mut recording.warnings);
             match instance.free() {
-                Ok(messages) => said.keep(&name, &messages, &mut recording.warnings),
+                Ok(messages) => logged.keep(&name, &messages, &mut recording.warnings),
                 Err(error) if result.is_ok() => result = Err(error),
                 Err(error) => recording.warnings.push(error.to_string()),
             }
-            said.end(&name, recording);
+            logged.end(&name, recording);
         }
         result
     }
@@ -255,7 +255,7 @@ impl ClosedLoop {
     ) -> Result<(), Error> {
         let (Settings { start_time, stop_time, .. }, order) = (settings, self.order);
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
-        let (mut goes_on, mut told) = (watch(recording, start_time, &self.row), false);
+        let (mut goes_on, mut is_warned) = (watch(recording, start_time, &self.row), false);
         let mut changes = [&self.changes[..], changes].concat();
         changes.sort_by(|a, b| a.at.total_cmp(&b.at));
         let mut changes = changes.into_iter().peekable();
@@ -272,11 +272,11 @@ impl ClosedLoop {
                 Order::EventMode => {
                     self.step_in_turn(time, next)?;
                     let unsettled = self.event(next)?;
-                    recording.warnings.extend(unsettled.filter(|_| !std::mem::replace(&mut told, true)));
+                    recording.warnings.extend(unsettled.filter(|_| !std::mem::replace(&mut is_warned, true)));
                 }
             }
-            for WiredUnit { instance, said, .. } in &mut self.units {
-                said.keep(instance.name(), &instance.messages(), &mut recording.warnings);
+            for WiredUnit { instance, logged, .. } in &mut self.units {
+                logged.keep(instance.name(), &instance.messages(), &mut recording.warnings);
             }
             goes_on = watch(recording, next, &self.row);
         }
@@ -388,14 +388,14 @@ impl ClosedLoop {
         let (place, change) = settling.moves_most();
         let when = time.map_or_else(|| "initialisation".to_owned(), |time| format!("event at {time} s"));
         let (signal, change, rounds) = (&self.names[place], number(change), self.units.len());
-        let told = format!(
+        let message = format!(
             "{when}: the values of the algebraic loop don't converge. `{signal}` still changed by {change} \
              in iteration {}; the run goes on with the values of iteration {rounds}",
             rounds + settling.rounds()
         );
         self.row = first;
         self.units.iter_mut().try_for_each(|unit| unit.take(&self.row))?;
-        Ok(Some(told))
+        Ok(Some(message))
     }
 }
 

@@ -172,8 +172,8 @@ impl LoadedLoop {
     }
 
     /// Origins of its components, and how they run: one line each.
-    pub fn told(&self) -> Vec<String> {
-        self.units.iter().map(|unit| format!("{}: {}", unit.name, unit.fmu.told())).collect()
+    pub fn origins(&self) -> Vec<String> {
+        self.units.iter().map(|unit| format!("{}: {}", unit.name, unit.fmu.origin())).collect()
     }
 
     /// The names of the Real parameters of its components, which a search may tune.

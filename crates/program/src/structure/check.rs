@@ -106,13 +106,13 @@ impl<'a> Check<'a> {
                         variable.kind
                     )));
                 }
-                if let (Some(told), Some(own)) = (&connector.unit, &variable.measure)
-                    && told.to(own).is_none()
+                if let (Some(unit), Some(own)) = (&connector.unit, &variable.measure)
+                    && unit.to(own).is_none()
                 {
                     let reason = format!(
                         "connector `{name}` has unit {}, which can't be converted to {}, the unit of the FMU's \
                          variable",
-                        told.name, own.name
+                        unit.name, own.name
                     );
                     return Err(refuse(&reason));
                 }
@@ -143,8 +143,9 @@ impl<'a> Check<'a> {
         let more = doubts.len().saturating_sub(MOST_DOUBTS);
         doubts.truncate(MOST_DOUBTS);
         doubts.extend((more > 0).then(|| format!("and {more} more")));
-        let told = (!doubts.is_empty()).then(|| format!("units of measurement of connections: {}", doubts.join("; ")));
-        Ok((links, told))
+        let warning =
+            (!doubts.is_empty()).then(|| format!("units of measurement of connections: {}", doubts.join("; ")));
+        Ok((links, warning))
     }
 
     fn end(&self, end: &'a (String, String), causality: &str) -> Result<End<'a>, String> {
@@ -192,9 +193,10 @@ impl<'a> Check<'a> {
             return Ok(Some(format!("algebraic loop, accepted: {circle}. Its values are one exchange late")));
         }
         Ok(feedthrough.possible_circle().map(|circle| {
-            let untold: BTreeSet<usize> = feedthrough.untold().into_iter().map(|link| links[link].to.0).collect();
+            let undeclared: BTreeSet<usize> =
+                feedthrough.undeclared().into_iter().map(|link| links[link].to.0).collect();
             let names: Vec<_> =
-                untold.iter().map(|&unit| format!("`{}`", self.structure.components[unit].name)).collect();
+                undeclared.iter().map(|&unit| format!("`{}`", self.structure.components[unit].name)).collect();
             let (names, verb) = (names.join(", "), if names.len() == 1 { "does" } else { "do" });
             let circle = self.signals(&circle);
             format!(
@@ -282,8 +284,8 @@ fn starts_with(variable: &Variable, value: &Value) -> bool {
 }
 
 /// The names of some of an FMU's variables.
-fn names(description: &ModelDescription, are_told: impl Fn(&Variable) -> bool) -> Vec<&str> {
-    let variables = description.variables.iter().filter(|variable| are_told(variable));
+fn names(description: &ModelDescription, is_wanted: impl Fn(&Variable) -> bool) -> Vec<&str> {
+    let variables = description.variables.iter().filter(|variable| is_wanted(variable));
     variables.map(|variable| variable.name.as_str()).collect()
 }
 

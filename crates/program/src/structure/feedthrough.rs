@@ -48,7 +48,7 @@ impl Feedthrough {
     }
 
     /// The links into components that may close an algebraic loop, since they declare nothing.
-    pub fn untold(&self) -> Vec<usize> {
+    pub fn undeclared(&self) -> Vec<usize> {
         let circles = circles(&self.followers());
         let closes = |k: &usize| self.possible[*k].iter().any(|&next| circles[next] == circles[*k]);
         (0..self.possible.len()).filter(closes).collect()
@@ -151,10 +151,10 @@ mod tests {
         let (declared, possible) =
             (vec![vec![1], vec![0], vec![], vec![4], vec![3]], vec![vec![2], vec![], vec![3], vec![], vec![]]);
         let links = Feedthrough { declared, possible };
-        assert_eq!(links.untold(), Vec::<usize>::new());
+        assert_eq!(links.undeclared(), Vec::<usize>::new());
         let links = Feedthrough { declared: vec![vec![1], vec![]], possible: vec![vec![], vec![0]] };
         assert_eq!(
-            (links.untold(), links.declared_circle(), links.possible_circle()),
+            (links.undeclared(), links.declared_circle(), links.possible_circle()),
             (vec![1], None, Some(vec![0, 1]))
         );
     }

@@ -124,12 +124,12 @@ impl<'a> Units<'a> {
 
     /// Author, version, license and copyright, each if all components agree.
     fn about(&self) -> Table {
-        let said = |key: &str| {
+        let shared = |key: &str| {
             let mut texts = self.of.iter().map(|unit| unit.described.about.iter().find(|(known, _)| *known == key));
             let first = texts.next()??;
             texts.all(|text| text == Some(first)).then(|| (key.to_owned(), Value::String(first.1.clone())))
         };
-        ABOUT.into_iter().filter_map(said).collect()
+        ABOUT.into_iter().filter_map(shared).collect()
     }
 
     /// The description of the composite.

@@ -123,8 +123,8 @@ fn damaged_files_are_refused_or_read() {
         let is_parquet = whole.starts_with(parquet::MAGIC);
         for length in 0..whole.len().min(4000) {
             // A truncated file is damaged, except between variables.
-            let told = of_bytes(&whole[..length], is_parquet, &[]);
-            assert!(!is_parquet || told.is_err());
+            let result = of_bytes(&whole[..length], is_parquet, &[]);
+            assert!(!is_parquet || result.is_err());
         }
         for _ in 0..20_000 {
             let mut bytes = whole.clone();

@@ -183,12 +183,12 @@ impl Search {
             let outcomes = search.run_all(positions, bounds, |_, outcome| outcome, &is_interrupted);
             worst = worst.into_iter().zip(outcomes).map(|(one, other)| one.or_worse(other)).collect();
         }
-        let told = |k: usize, outcome: Outcome| {
+        let report = |k: usize, outcome: Outcome| {
             let outcome = worst[k].clone().or_worse(outcome);
             done(&outcome);
             outcome
         };
-        self.run_all(positions, bounds, told, &is_interrupted)
+        self.run_all(positions, bounds, report, &is_interrupted)
     }
 
     /// Runs this loop with each of the positions; `decided` handles an outcome on its thread.

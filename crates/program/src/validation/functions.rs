@@ -189,10 +189,10 @@ const MOST_PROCESSORS: usize = 16;
 
 /// The names of the exported functions of a library, for every processor it supports.
 fn exported(bytes: &[u8]) -> Result<HashSet<String>, String> {
-    let told = |error: object::Error| error.to_string();
-    match FileKind::parse(bytes).map_err(told)? {
-        FileKind::MachOFat32 => exported_by_all(MachOFatFile32::parse(bytes).map_err(told)?.arches(), bytes),
-        FileKind::MachOFat64 => exported_by_all(MachOFatFile64::parse(bytes).map_err(told)?.arches(), bytes),
+    let text = |error: object::Error| error.to_string();
+    match FileKind::parse(bytes).map_err(text)? {
+        FileKind::MachOFat32 => exported_by_all(MachOFatFile32::parse(bytes).map_err(text)?.arches(), bytes),
+        FileKind::MachOFat64 => exported_by_all(MachOFatFile64::parse(bytes).map_err(text)?.arches(), bytes),
         _ => exported_by_one(bytes),
     }
 }

@@ -141,20 +141,20 @@ fn check_combination(variable: &Variable, findings: &mut Findings) {
         let what = format!("variability = \"continuous\", but the type is {kind}");
         findings.error(variable.at(), what, SECTION, "only a Real can be continuous; use variability = \"discrete\"");
     }
-    let said = variable.node.attribute("initial");
+    let initial = variable.node.attribute("initial");
     match starts(causality, variability) {
         Err(allowed) => {
             let what = format!("causality = \"{causality}\" with variability = \"{variability}\"");
             findings.error(variable.at(), what, SECTION, format!("the variability must be {allowed}"));
         }
         Ok([]) => {
-            if let Some(initial) = said {
+            if let Some(initial) = initial {
                 let what = format!("initial = \"{initial}\" with causality = \"{causality}\"");
                 findings.error(variable.at(), what, SECTION, "remove initial; it is not allowed here");
             }
         }
         Ok(starts) => {
-            if let Some(initial) = said.filter(|initial| !starts.contains(initial)) {
+            if let Some(initial) = initial.filter(|initial| !starts.contains(initial)) {
                 let what = format!(
                     "initial = \"{initial}\" with variability = \"{variability}\" and causality = \"{causality}\""
                 );

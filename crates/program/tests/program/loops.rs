@@ -8,12 +8,14 @@ use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::simulation::LoadedLoop;
 use adaptive_fmu::structure::{Circles, check};
 
-use crate::structures::{Folder, UNIT, assert_tells, binding, connection, connection_with, gain, set, start, wiring};
+use crate::structures::{
+    Folder, UNIT, assert_mentions, binding, connection, connection_with, gain, set, start, wiring,
+};
 
 #[test]
 fn an_algebraic_loop_is_named_signal_by_signal() {
     let folder = Folder::new(&(connection("one.y", "two.u") + &connection("two.y", "one.u")));
-    assert_tells(&folder.refusal(), &["line ", "algebraic loop", "one.y → two.u → two.y → one.u → one.y"]);
+    assert_mentions(&folder.refusal(), &["line ", "algebraic loop", "one.y → two.u → two.y → one.u → one.y"]);
 }
 
 #[test]
@@ -25,27 +27,27 @@ fn a_circle_through_a_delay_is_none() {
 #[test]
 fn a_declared_algebraic_loop_is_refused_with_the_option_that_accepts_it() {
     let circle = connection("one.y", "two.u") + &connection("two.y", "one.u");
-    assert_tells(&Folder::new(&circle).refusal(), &["--accept-algebraic-loops"]);
+    assert_mentions(&Folder::new(&circle).refusal(), &["--accept-algebraic-loops"]);
     let accepted = |text: &str| Folder::new(&circle).replaced("order=\"jacobi\"", &format!("order='jacobi' {text}"));
     let wiring = accepted("algebraic-loops='accept'").wiring().unwrap();
     let notes = wiring.notes.join("\n");
     assert!(wiring.circular && notes.contains("accepted: one.y → two.u → two.y → one.u → one.y"), "{notes}");
-    assert_tells(&accepted("algebraic-loops='refuse'").refusal(), &["--accept-algebraic-loops"]);
-    assert_tells(&accepted("algebraic-loops='never'").refusal(), &["algebraic-loops = never", "line "]);
+    assert_mentions(&accepted("algebraic-loops='refuse'").refusal(), &["--accept-algebraic-loops"]);
+    assert_mentions(&accepted("algebraic-loops='never'").refusal(), &["algebraic-loops = never", "line "]);
 }
 
 #[test]
 fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
     let folder = Folder::new(&connection("one.alarm", "one.enabled"));
     let wiring = folder.wiring().unwrap();
-    let told: Vec<_> = wiring.notes.iter().filter(|note| note.contains("algebraic loop")).collect();
-    assert_eq!(told.len(), 1, "{:?}", wiring.notes);
-    assert_tells(told[0], &["`one` does not declare", "one.alarm → one.enabled → one.alarm", "previous exchange"]);
+    let notes: Vec<_> = wiring.notes.iter().filter(|note| note.contains("algebraic loop")).collect();
+    assert_eq!(notes.len(), 1, "{:?}", wiring.notes);
+    assert_mentions(notes[0], &["`one` does not declare", "one.alarm → one.enabled → one.alarm", "previous exchange"]);
     assert!(wiring.circular);
     // A single FMU exchanges nothing.
     let (structure, unit) = (folder.structure().unwrap(), ModelDescription::read(UNIT).unwrap());
     let refusal = check(&structure, &[&unit, &unit], Circles::Refused).unwrap_err().to_string();
-    assert_tells(&refusal, &["algebraic loop", "one.alarm → one.enabled → one.alarm"]);
+    assert_mentions(&refusal, &["algebraic loop", "one.alarm → one.enabled → one.alarm"]);
     assert!(!refusal.contains("--accept"), "{refusal}");
     assert!(!Folder::new(&connection("one.alarm", "two.enabled")).wiring().unwrap().circular);
 }
@@ -70,7 +72,7 @@ fn a_connection_that_fits_nothing_is_refused_by_name_and_line() {
     ];
     for (connections, mut words) in cases {
         words.extend(["SystemStructure.ssd", "line "]);
-        assert_tells(&Folder::new(&connections).refusal(), &words);
+        assert_mentions(&Folder::new(&connections).refusal(), &words);
     }
 }
 
@@ -98,9 +100,9 @@ fn a_connector_must_be_what_the_fmu_says() {
         ),
     ];
     for (old, new, words) in cases {
-        let told = Folder::new("").replaced(old, new).refusal();
-        assert_tells(&told, &words);
-        assert_tells(&told, &["line "]);
+        let error = Folder::new("").replaced(old, new).refusal();
+        assert_mentions(&error, &words);
+        assert_mentions(&error, &["line "]);
     }
 }
 
@@ -205,19 +207,19 @@ fn a_start_value_that_fits_nothing_is_refused_with_its_line() {
     ];
     for (values, mut words) in cases {
         words.push("line ");
-        assert_tells(&Folder::with(&binding(&set(&values)), "", &connection("two.z", "one.u")).refusal(), &words);
+        assert_mentions(&Folder::with(&binding(&set(&values)), "", &connection("two.z", "one.u")).refusal(), &words);
     }
     let astray = Folder::with("", &binding(&set(&gain("three.gain", "1"))), "");
-    assert_tells(&astray.refusal(), &["three.gain", "one, two", "line "]);
+    assert_mentions(&astray.refusal(), &["three.gain", "one, two", "line "]);
 }
 
 #[test]
 fn a_single_value_names_a_unit_that_is_there_and_means_one() {
     let mut structure = Folder::new("").structure().unwrap();
     let mut refusal = |assignment: &str| structure.set(assignment).unwrap_err().to_string();
-    assert_tells(&refusal("one.gain"), &["UNIT.variable=value"]);
-    assert_tells(&refusal("three.gain=1"), &["three.gain", "one, two"]);
-    assert_tells(&refusal("A.gain=1"), &["`A`", "one, two"]);
+    assert_mentions(&refusal("one.gain"), &["UNIT.variable=value"]);
+    assert_mentions(&refusal("three.gain=1"), &["three.gain", "one, two"]);
+    assert_mentions(&refusal("A.gain=1"), &["`A`", "one, two"]);
     structure.components[1].fmu = "B".to_owned();
     structure.set("B.gain=8").unwrap();
     assert_eq!(structure.components[1].values[0].text, "8");
@@ -225,7 +227,7 @@ fn a_single_value_names_a_unit_that_is_there_and_means_one() {
     structure.set("gain=1").unwrap();
     let refusal =
         LoadedLoop::new(&structure, Path::new(""), &adaptive_fmu::fmu::Hosting::InProcess).unwrap_err().to_string();
-    assert_tells(&refusal, &["--set gain=1", "UNIT.variable", "one, two", "--composite"]);
+    assert_mentions(&refusal, &["--set gain=1", "UNIT.variable", "one, two", "--composite"]);
 }
 
 #[test]
@@ -236,12 +238,12 @@ fn a_source_that_leads_out_of_the_folder_is_refused() {
         let binding = format!(
             "<ssd:ParameterBindings><ssd:ParameterBinding source=\"{source}\"/></ssd:ParameterBindings><ssd:Elements>"
         );
-        assert_tells(&Folder::new("").replaced("<ssd:Elements>", &binding).refusal(), &["line ", source]);
+        assert_mentions(&Folder::new("").replaced("<ssd:Elements>", &binding).refusal(), &["line ", source]);
         let fmu = Folder::new("").replaced("resources/A.fmu", source);
-        assert_tells(&fmu.refusal(), &["line ", source, "resources/NAME.fmu"]);
+        assert_mentions(&fmu.refusal(), &["line ", source, "resources/NAME.fmu"]);
     }
     let gone = Folder::new("").replaced("resources/A.fmu", "resources/../../Gone.fmu");
-    assert_tells(&gone.refusal(), &["line ", "there is no file", "resources/NAME.fmu"]);
+    assert_mentions(&gone.refusal(), &["line ", "there is no file", "resources/NAME.fmu"]);
 }
 
 #[test]
@@ -251,27 +253,30 @@ fn what_this_reader_does_not_know_is_refused_not_skipped() {
         file("<ssd:Elements>", &format!("<ssd:ParameterBindings>{inner}</ssd:ParameterBindings><ssd:Elements>"))
     };
     let mapping = "<ssd:ParameterBinding prefix='one.' source='SystemStructure.ssd'><ssd:ParameterMapping/></ssd:ParameterBinding>";
-    assert_tells(&bindings(mapping), &["line "]);
-    assert_tells(&bindings("<ssd:ParameterBinding type='text/csv' source='a.csv'/>"), &["line ", "text/csv"]);
-    assert_tells(&bindings("<ssd:ParameterBinding sourceBase='component' source='a.ssv'/>"), &["line ", "sourceBase"]);
-    assert_tells(&bindings("<ssd:ParameterBinding source='gone.ssv'/>"), &["line ", "gone.ssv"]);
+    assert_mentions(&bindings(mapping), &["line "]);
+    assert_mentions(&bindings("<ssd:ParameterBinding type='text/csv' source='a.csv'/>"), &["line ", "text/csv"]);
+    assert_mentions(
+        &bindings("<ssd:ParameterBinding sourceBase='component' source='a.ssv'/>"),
+        &["line ", "sourceBase"],
+    );
+    assert_mentions(&bindings("<ssd:ParameterBinding source='gone.ssv'/>"), &["line ", "gone.ssv"]);
     let reference = "<ssd:SignalDictionaryReference name='signals'/><ssd:Component ";
-    assert_tells(&file("<ssd:Component ", reference), &["line ", "SignalDictionaryReference"]);
-    assert_tells(
+    assert_mentions(&file("<ssd:Component ", reference), &["line ", "SignalDictionaryReference"]);
+    assert_mentions(
         &file("source=\"resources/A.fmu\"", "type='application/x-ssp-package' source='a.ssp'"),
         &["line ", "x-ssp"],
     );
-    assert_tells(
+    assert_mentions(
         &file("<ssd:Component ", "<ssd:Component implementation='ModelExchange' "),
         &["line ", "ModelExchange"],
     );
-    assert_tells(&file("version=\"1.0\"", "version=\"2.0\""), &["line ", "2.0"]);
-    assert_tells(&file("name=\"two\"", "name=\"one\""), &["line ", "`one`"]);
-    assert_tells(&file("name=\"pair\"", "name=\"../pair\""), &["line ", "../pair"]);
-    assert_tells(&file("step=\"0.1\"", "step=\"0\""), &["line ", "step = 0"]);
+    assert_mentions(&file("version=\"1.0\"", "version=\"2.0\""), &["line ", "2.0"]);
+    assert_mentions(&file("name=\"two\"", "name=\"one\""), &["line ", "`one`"]);
+    assert_mentions(&file("name=\"pair\"", "name=\"../pair\""), &["line ", "../pair"]);
+    assert_mentions(&file("step=\"0.1\"", "step=\"0\""), &["line ", "step = 0"]);
     let plot = |more: &str| file("<Master", &format!("<Plot title='p' signals='one.y' {more}/><Master"));
-    assert_tells(&plot("scale='logarithmic'"), &["line ", "scale = logarithmic", "linear, log or auto"]);
-    assert_tells(&plot("references='two.y'"), &["line ", "references = two.y"]);
+    assert_mentions(&plot("scale='logarithmic'"), &["line ", "scale = logarithmic", "linear, log or auto"]);
+    assert_mentions(&plot("references='two.y'"), &["line ", "references = two.y"]);
 }
 
 #[test]
@@ -281,13 +286,13 @@ fn a_file_that_is_no_xml_is_refused() {
         fs::write(folder.0.path().join("SystemStructure.ssd"), text).unwrap();
         folder.refusal()
     };
-    assert_tells(&text(b"<a>"), &["SystemStructure.ssd"]);
-    assert_tells(&text(b"<a/>"), &["SystemStructureDescription"]);
-    assert_tells(&text(b"\xff\xfe<\0a\0/\0>\0"), &["SystemStructure.ssd", "UTF-8"]);
-    assert_tells(&text(b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>"), &["SystemStructure.ssd"]);
-    assert_tells(&text("<a>".repeat(1_000_000).as_bytes()), &["SystemStructure.ssd"]);
+    assert_mentions(&text(b"<a>"), &["SystemStructure.ssd"]);
+    assert_mentions(&text(b"<a/>"), &["SystemStructureDescription"]);
+    assert_mentions(&text(b"\xff\xfe<\0a\0/\0>\0"), &["SystemStructure.ssd", "UTF-8"]);
+    assert_mentions(&text(b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>"), &["SystemStructure.ssd"]);
+    assert_mentions(&text("<a>".repeat(1_000_000).as_bytes()), &["SystemStructure.ssd"]);
     let nothing = Folder(tempfile::tempdir().unwrap());
-    assert_tells(&nothing.refusal(), &["SystemStructure.ssd"]);
+    assert_mentions(&nothing.refusal(), &["SystemStructure.ssd"]);
 }
 
 #[test]
@@ -304,7 +309,7 @@ fn a_loop_may_be_there_to_show_a_failure_in_a_span_of_time() {
         ("from='0.1' until='0.2' of='units'", "of = units"),
     ];
     for (failure, word) in wrong {
-        let told = with(&format!("<ExpectedFailure {failure}/>")).refusal();
-        assert_tells(&told, &["SystemStructure.ssd", "line ", word]);
+        let error = with(&format!("<ExpectedFailure {failure}/>")).refusal();
+        assert_mentions(&error, &["SystemStructure.ssd", "line ", word]);
     }
 }

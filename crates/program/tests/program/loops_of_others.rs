@@ -4,7 +4,7 @@ use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::structure::{Circles, Wiring, check};
 
-use crate::structures::{CONNECTORS, Folder, UNIT, assert_tells, binding, connection, gain, set, start};
+use crate::structures::{CONNECTORS, Folder, UNIT, assert_mentions, binding, connection, gain, set, start};
 
 /// A unit with an output `y` and an input `u`; both ends of a connection are of this kind.
 fn measured(output: &str, input: &str, definitions: &str) -> ModelDescription {
@@ -83,16 +83,16 @@ fn units_that_are_not_known_connect_and_are_told_where_their_texts_differ() {
         assert_eq!(notes(from, to), Vec::<String>::new(), "{from} {to}");
     }
     for (from, to) in [("unit='widget'", "unit='gadget'"), ("unit='widget'", "unit='m'")] {
-        let told = notes(from, to).concat();
-        assert_tells(&told, &["one.y", "two.u", "passed on unchanged"]);
+        let texts = notes(from, to).concat();
+        assert_mentions(&texts, &["one.y", "two.u", "passed on unchanged"]);
     }
 }
 
 #[test]
 fn other_dimensions_are_refused_by_name_in_whatever_text_they_come() {
     for (from, to) in [("rpm", "Hz"), ("bar", "K"), ("%", "m"), ("rad", "m"), ("N.m", "N"), ("degC", "%"), ("1", "m")] {
-        let told = wired(&format!("unit='{from}'"), &format!("unit='{to}'"), "").unwrap_err();
-        assert_tells(&told, &["one.y", "two.u", from, to, "another dimension", "suppressUnitConversion"]);
+        let error = wired(&format!("unit='{from}'"), &format!("unit='{to}'"), "").unwrap_err();
+        assert_mentions(&error, &["one.y", "two.u", from, to, "another dimension", "suppressUnitConversion"]);
     }
 }
 
@@ -110,7 +110,7 @@ fn a_mapping_gives_values_other_names() {
     assert_eq!(start(&with(&entry("")).wiring().unwrap(), "gain"), Value::Real(2.0));
     let linear = with(&entry("<ssc:LinearTransformation factor='10' offset='1'/>"));
     assert_eq!(start(&linear.wiring().unwrap(), "gain"), Value::Real(21.0));
-    assert_tells(&with(&entry("").replace("'K'", "'L'")).refusal(), &["source = L", "line "]);
+    assert_mentions(&with(&entry("").replace("'K'", "'L'")).refusal(), &["source = L", "line "]);
     let folder =
         Folder::with(&inline("").replace("<ssd:ParameterMapping>", "<ssd:ParameterMapping source='a.ssm'>"), "", "");
     folder.write(
@@ -153,7 +153,7 @@ fn systems_within_hand_values_on_and_give_them_to_their_units() {
     assert_eq!(found, [((0, place("z")), (2, place("u")), 9.0), ((2, place("z")), (1, place("u")), 1.0)]);
     // What another unit gives counts; a connector that nothing leads to hands its start value on.
     assert_eq!(wiring.values[2], [(place("gain"), Value::Real(4.0)), (place("width"), Value::Real(5.0))]);
-    let told =
+    let notes =
         folder("<ssd:Connection startElement='in' startConnector='way' endElement='two' endConnector='u'/>").refusal();
-    assert_tells(&told, &["startConnector = way", "system `in`", "line "]);
+    assert_mentions(&notes, &["startConnector = way", "system `in`", "line "]);
 }

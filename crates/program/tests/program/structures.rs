@@ -140,9 +140,9 @@ pub fn gain(name: &str, value: &str) -> String {
     format!("<ssv:Parameter name=\"{name}\"><ssv:Real value=\"{value}\"/></ssv:Parameter>")
 }
 
-pub fn assert_tells(told: &str, words: &[&str]) {
-    words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
-    assert!(!told.contains('\n'), "{told}");
+pub fn assert_mentions(text: &str, words: &[&str]) {
+    words.iter().for_each(|word| assert!(text.contains(word), "`{word}` is not in: {text}"));
+    assert!(!text.contains('\n'), "{text}");
 }
 
 /// The start value of a variable of the first unit.

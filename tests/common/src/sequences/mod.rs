@@ -141,7 +141,7 @@ impl Subject {
             component: unit.component,
             saved: Vec::new(),
             freed: Vec::new(),
-            told: Vec::new(),
+            calls: Vec::new(),
             tally,
         };
         for &call in calls {
@@ -161,7 +161,7 @@ struct Sequence<'a> {
     saved: Vec<Saved>,
     freed: Vec<FmuState>,
     /// The calls so far, for the message of a failure.
-    told: Vec<String>,
+    calls: Vec<String>,
     tally: &'a mut Tally,
 }
 
@@ -202,7 +202,7 @@ impl Sequence<'_> {
         &mut self,
         name: &'static str,
         arguments: Arguments,
-        told: String,
+        arguments_text: String,
         call: impl FnOnce(Component) -> Status,
     ) -> Option<Status> {
         self.unit.messages();
@@ -210,8 +210,9 @@ impl Sequence<'_> {
         let status = call(self.component);
         let took = begun.elapsed();
         let null = if self.component.is_null() { " of NULL" } else { "" };
-        self.told.push(format!("{} {name}({told}){null} -> {status:?} at {} s", self.now.phase, self.now.time));
-        self.tally.add(name, status, took, || format!("{}: {}", self.subject.catalog.name, self.told.join("\n")));
+        self.calls
+            .push(format!("{} {name}({arguments_text}){null} -> {status:?} at {} s", self.now.phase, self.now.time));
+        self.tally.add(name, status, took, || format!("{}: {}", self.subject.catalog.name, self.calls.join("\n")));
         self.check_messages(name, status);
         let fingerprint = self.unit.fingerprint();
         let unchanged = fingerprint == self.now.fingerprint;
@@ -300,7 +301,7 @@ impl Sequence<'_> {
 
     /// Goes on, back, on again, and on in another instance: each time alike, bit for bit.
     fn continue_twice(&mut self) {
-        self.told.push(format!("{} goes on, back, and on again", self.now.phase));
+        self.calls.push(format!("{} goes on, back, and on again", self.now.phase));
         let state = self.unit.save();
         let first = self.go_on(self.unit);
         self.expect(self.unit.restore(state) == OK && self.unit.free(state) == OK, "a saved state is restored");
@@ -339,7 +340,7 @@ impl Sequence<'_> {
     fn expect(&self, holds: bool, what: &str) {
         let Subject { catalog, kind, .. } = self.subject;
         let interface = if *kind == CO_SIMULATION { "co-simulation" } else { "model exchange" };
-        assert!(holds, "{} in {interface}: {what}\n{}", catalog.name, self.told.join("\n"));
+        assert!(holds, "{} in {interface}: {what}\n{}", catalog.name, self.calls.join("\n"));
     }
 
     fn expect_finite(&self, values: &[f64]) {

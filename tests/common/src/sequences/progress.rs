@@ -82,8 +82,8 @@ impl Sequence<'_> {
         let right_stop = stops == FALSE || stop.is_finite() && stop >= start;
         let right_tolerance = tolerates == FALSE || tolerance.is_finite() && tolerance > 0.0;
         let right = Arguments::of(start.is_finite() && right_stop && right_tolerance);
-        let told = format!("{tolerates}, {tolerance}, {start}, {stops}, {stop}");
-        let status = self.call("fmi2SetupExperiment", right, told, |c| unsafe {
+        let text = format!("{tolerates}, {tolerance}, {start}, {stops}, {stop}");
+        let status = self.call("fmi2SetupExperiment", right, text, |c| unsafe {
             fmi2SetupExperiment(c, tolerates, tolerance, start, stops, stop)
         });
         if status.is_some() {
@@ -164,8 +164,8 @@ impl Sequence<'_> {
             next_event_time: 0.0,
         };
         let nowhere = dice.one_in(20);
-        let told = format!("NULL: {nowhere}");
-        let status = self.call("fmi2NewDiscreteStates", Arguments::of(!nowhere), told, |c| unsafe {
+        let text = format!("NULL: {nowhere}");
+        let status = self.call("fmi2NewDiscreteStates", Arguments::of(!nowhere), text, |c| unsafe {
             fmi2NewDiscreteStates(c, if nowhere { null_mut() } else { &mut info })
         });
         if status.is_some() {
@@ -183,8 +183,8 @@ impl Sequence<'_> {
     fn completed_integrator_step(&mut self, dice: &mut Dice) {
         let (mut event, mut end) = (77, 77);
         let nowhere = dice.below(40);
-        let told = format!("NULL: {}", nowhere > 37);
-        let status = self.call("fmi2CompletedIntegratorStep", Arguments::of(nowhere < 38), told, |c| unsafe {
+        let text = format!("NULL: {}", nowhere > 37);
+        let status = self.call("fmi2CompletedIntegratorStep", Arguments::of(nowhere < 38), text, |c| unsafe {
             let [event, end] =
                 [(38, &raw mut event), (39, &raw mut end)].map(|(k, p)| if k == nowhere { null_mut() } else { p });
             fmi2CompletedIntegratorStep(c, TRUE, event, end)

@@ -74,9 +74,9 @@ impl Sequence<'_> {
 
     fn set_state(&mut self, dice: &mut Dice) {
         let (state, own) = self.handle(dice);
-        let told = format!("{own:?}, {state:?}");
+        let text = format!("{own:?}, {state:?}");
         let status =
-            self.call("fmi2SetFMUstate", Arguments::of(own.is_some()), told, |c| unsafe { fmi2SetFMUstate(c, state) });
+            self.call("fmi2SetFMUstate", Arguments::of(own.is_some()), text, |c| unsafe { fmi2SetFMUstate(c, state) });
         if let (Some(OK), Some(place)) = (status, own) {
             let mark = self.saved[place].mark.clone();
             self.expect(self.now.fingerprint == mark.fingerprint, "a restored state is the one that was saved");
@@ -102,10 +102,10 @@ impl Sequence<'_> {
         let (state, own) = self.handle(dice);
         let needed = self.start.fingerprint.len();
         let (mut size, nowhere) = (7, dice.one_in(20));
-        let told = format!("{own:?}, {state:?}, NULL: {nowhere}");
+        let text = format!("{own:?}, {state:?}, NULL: {nowhere}");
         if name == "fmi2SerializedFMUstateSize" {
             let right = Arguments::of(own.is_some() && !nowhere);
-            let status = self.call(name, right, told, |c| unsafe {
+            let status = self.call(name, right, text, |c| unsafe {
                 fmi2SerializedFMUstateSize(c, state, if nowhere { null_mut() } else { &mut size })
             });
             return self.expect(size == if status == Some(OK) { needed } else { 7 }, "the size that bytes need");
@@ -113,7 +113,7 @@ impl Sequence<'_> {
         let length = if dice.one_in(8) { dice.below(2 * needed) } else { needed };
         let mut bytes = vec![7_u8; length];
         let right = Arguments::of(own.is_some() && length >= needed && !nowhere);
-        let status = self.call(name, right, told, |c| unsafe {
+        let status = self.call(name, right, text, |c| unsafe {
             fmi2SerializeFMUstate(c, state, if nowhere { null_mut() } else { bytes.as_mut_ptr().cast() }, length)
         });
         let given = own.filter(|_| status == Some(OK)).map_or(&[][..], |place| &self.saved[place].mark.fingerprint);
@@ -131,8 +131,8 @@ impl Sequence<'_> {
         let nowhere = dice.below(40);
         let mut state = null_mut();
         let right = own && nowhere < 38;
-        let told = format!("{} bytes, its own: {own}, NULL: {}", bytes.len(), nowhere > 37);
-        let status = self.call("fmi2DeSerializeFMUstate", Arguments::of(right), told, |c| unsafe {
+        let text = format!("{} bytes, its own: {own}, NULL: {}", bytes.len(), nowhere > 37);
+        let status = self.call("fmi2DeSerializeFMUstate", Arguments::of(right), text, |c| unsafe {
             let pointer = if nowhere == 38 && !bytes.is_empty() { std::ptr::null() } else { bytes.as_ptr().cast() };
             fmi2DeSerializeFMUstate(c, pointer, bytes.len(), if nowhere == 39 { null_mut() } else { &mut state })
         });

@@ -29,7 +29,7 @@ impl Tally {
         self.answers.values().flatten().sum()
     }
 
-    pub fn add(&mut self, name: &'static str, status: Status, took: Duration, told: impl FnOnce() -> String) {
+    pub fn add(&mut self, name: &'static str, status: Status, took: Duration, text: impl FnOnce() -> String) {
         let place = match status {
             Status::Ok | Status::Warning => 0,
             Status::Discard => 1,
@@ -37,7 +37,7 @@ impl Tally {
         };
         self.answers.entry(name).or_default()[place] += 1;
         if took > self.longest {
-            (self.longest, self.slowest) = (took, told());
+            (self.longest, self.slowest) = (took, text());
             assert!(took < HANG, "a call of {took:?}: {}", self.slowest);
         }
     }

@@ -76,8 +76,8 @@ impl Sequence<'_> {
             "fmi2GetReal" => (or_null_mut(dice, &mut reals[..count], &mut right), null_mut()),
             _ => (null_mut(), or_null_mut(dice, &mut integers[..count], &mut right)),
         };
-        let told = format!("{references:?}");
-        let status = self.call(name, Arguments::of(right), told, |c| unsafe {
+        let text = format!("{references:?}");
+        let status = self.call(name, Arguments::of(right), text, |c| unsafe {
             match name {
                 "fmi2GetReal" => fmi2GetReal(c, vr, count, real),
                 "fmi2GetInteger" => fmi2GetInteger(c, vr, count, integer),
@@ -127,11 +127,11 @@ impl Sequence<'_> {
             "fmi2SetReal" => (or_null(dice, &reals, &mut right), null()),
             _ => (null(), or_null(dice, &integers, &mut right)),
         };
-        let told = format!(
+        let text = format!(
             "{references:?}, {:?}",
             if name == "fmi2SetReal" { format!("{reals:?}") } else { format!("{integers:?}") }
         );
-        let status = self.call(name, Arguments::of(right), told, |c| unsafe {
+        let status = self.call(name, Arguments::of(right), text, |c| unsafe {
             match name {
                 "fmi2SetReal" => fmi2SetReal(c, vr, count, real),
                 "fmi2SetInteger" => fmi2SetInteger(c, vr, count, integer),
@@ -198,8 +198,8 @@ impl Sequence<'_> {
         }
         let (vr, order) = (or_null(dice, &references, &mut right), or_null(dice, &orders, &mut right));
         let value = or_null_mut(dice, &mut values, &mut right);
-        let told = format!("{references:?}, {orders:?}");
-        let status = self.call(name, Arguments::of(right), told, |c| unsafe {
+        let text = format!("{references:?}, {orders:?}");
+        let status = self.call(name, Arguments::of(right), text, |c| unsafe {
             if sets {
                 fmi2SetRealInputDerivatives(c, vr, count, order, value)
             } else {
@@ -228,8 +228,8 @@ impl Sequence<'_> {
         let mut result = vec![BLANK; of.len()];
         let (of_vr, by_vr) = (or_null(dice, of, &mut right), or_null(dice, by, &mut right));
         let (seed_at, result_at) = (or_null(dice, &seed, &mut right), or_null_mut(dice, &mut result, &mut right));
-        let told = format!("{of:?}, {by:?}, {seed:?}");
-        let status = self.call(name, Arguments::of(right), told, |c| unsafe {
+        let text = format!("{of:?}, {by:?}, {seed:?}");
+        let status = self.call(name, Arguments::of(right), text, |c| unsafe {
             fmi2GetDirectionalDerivative(c, of_vr, of.len(), by_vr, by.len(), seed_at, result_at)
         });
         self.expect(status == Some(OK) || result.iter().all(|&value| value == BLANK), "nothing is given");
@@ -253,9 +253,9 @@ impl Sequence<'_> {
             }
         }
         let given = values.clone();
-        let told = format!("{:.40}, {count}", if sets { format!("{values:?}") } else { String::new() });
+        let text = format!("{:.40}, {count}", if sets { format!("{values:?}") } else { String::new() });
         let x = or_null_mut(dice, &mut values, &mut right);
-        let status = self.call(name, Arguments::of(right), told, |c| unsafe {
+        let status = self.call(name, Arguments::of(right), text, |c| unsafe {
             match name {
                 "fmi2SetContinuousStates" => fmi2SetContinuousStates(c, x, count),
                 "fmi2GetContinuousStates" => fmi2GetContinuousStates(c, x, count),

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
 use adaptive_fmu::estimation;
-use adaptive_fmu::identified::{Report, Said, Table};
-use adaptive_fmu::identified::{meaning, told, written};
+use adaptive_fmu::identified::{FindingText, Report, Table};
+use adaptive_fmu::identified::{finding_text, meaning, written};
 use adaptive_fmu::output;
 use adaptive_fmu::report::number;
 use adaptive_fmu_identification::{Identified, Model, Pole, SimulatedCourse, Verdict, poles_of};
@@ -48,7 +48,10 @@ pub fn of_identified<'a>(found: &'a Identified, arguments: &'a Arguments) -> Rep
         findings: found
             .findings
             .iter()
-            .map(|finding| Said { is_bad: finding.verdict == Verdict::NotSound, text: told(finding, true) })
+            .map(|finding| FindingText {
+                is_bad: finding.verdict == Verdict::NotSound,
+                text: finding_text(finding, true),
+            })
             .collect(),
         model: Some(model),
         poles: &found.poles,
@@ -120,7 +123,10 @@ impl OfParameters {
             courses: &self.courses,
             tables: vec![fits(&signals, &of, &found.ceiling), parameters],
             signals,
-            findings: findings.iter().map(|text| Said { is_bad: true, text: format!("not sound: {text}") }).collect(),
+            findings: findings
+                .iter()
+                .map(|text| FindingText { is_bad: true, text: format!("not sound: {text}") })
+                .collect(),
             model,
             poles: &self.poles,
             correlations: None,

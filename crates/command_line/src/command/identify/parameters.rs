@@ -111,14 +111,14 @@ pub fn execute(arguments: &Arguments, name: &str, records: &[Read]) -> Result<Ex
     let set = arguments.out.with_extension("ssv");
     if arguments.json {
         let parameters: Vec<_> = found.parameters.iter().map(as_json).collect();
-        say!(
+        print_line!(
             "{}",
             json!({ "parameters": parameters, "covariance": rows(&found.covariance), "outputs": outputs, "noise": found.noise,
                     "fit": found.held_out, "ceiling": found.ceiling, "condition": found.condition, "findings": findings, "sound": findings.is_empty(),
                     "model": model, "set": set })
         );
     } else {
-        tell(&found, &outputs, &findings);
+        print_table(&found, &outputs, &findings);
         match &linear {
             Ok(_) => {
                 aside!("the parameters are in {}, the linear model is in {}", set.display(), arguments.out.display())
@@ -368,20 +368,20 @@ fn as_json(Estimated { name, unit, record, value, error, .. }: &Estimated) -> se
     json!({ "name": name, "unit": unit, "record": record.map(|record| record + 1), "value": value, "error": error })
 }
 
-fn tell(found: &Found, outputs: &[String], findings: &[String]) {
-    say!("{:28} {:>14} {:>14} unit", "parameter", "value", "std. error");
+fn print_table(found: &Found, outputs: &[String], findings: &[String]) {
+    print_line!("{:28} {:>14} {:>14} unit", "parameter", "value", "std. error");
     for Estimated { name, unit, record, value, error, .. } in &found.parameters {
         let name = record.map_or(name.clone(), |record| format!("{name} in record {}", record + 1));
-        say!("{}", format!("{name:28} {:>14} {:>14} {unit}", number(*value), number(*error)).trim_end());
+        print_line!("{}", format!("{name:28} {:>14} {:>14} {unit}", number(*value), number(*error)).trim_end());
     }
-    say!("\n{:28} {:>14} {:>14}", "fit of the held-out part", "%", "noise");
+    print_line!("\n{:28} {:>14} {:>14}", "fit of the held-out part", "%", "noise");
     for (k, (name, noise)) in outputs.iter().zip(&found.noise).enumerate() {
         let fit = found.held_out.get(k).filter(|fit| !fit.is_nan());
         let fit = fit.map_or("–".to_owned(), |fit| number((fit * 10.0).round() / 10.0));
-        say!("{name:28} {fit:>14} {:>14}", number(*noise));
+        print_line!("{name:28} {fit:>14} {:>14}", number(*noise));
     }
     if !findings.is_empty() {
-        say!();
+        print_line!();
     }
-    findings.iter().for_each(|finding| say!("not sound: {finding}"));
+    findings.iter().for_each(|finding| print_line!("not sound: {finding}"));
 }

@@ -60,30 +60,30 @@ pub fn execute(file: &Path, options: &PlanOptions, as_json: bool) -> Result<(), 
     let planned = planned(&model, present, options.target).map_err(|invalid| refuse(invalid.to_string()))?;
     let sure = planned.iter().filter(|of| !of.is_near_zero()).map(|of| of.length).reduce(f64::max);
     if as_json {
-        say!("{}", in_json(&planned, (present, options.target), sure));
+        print_line!("{}", in_json(&planned, (present, options.target), sure));
         return Ok(());
     }
     let places: Vec<_> =
         planned.iter().map(|of| format!("{}  {}", written(of.entry), meaning(of.entry, &model))).collect();
     let width = places.iter().map(|place| place.chars().count()).max().unwrap_or(0).max(24);
-    say!("{:width$} {:>12} {:>12} {:>10} {:>12}", "entry", "value", "std. error", "share, %", "length, s");
+    print_line!("{:width$} {:>12} {:>12} {:>10} {:>12}", "entry", "value", "std. error", "share, %", "length, s");
     for (of, place) in planned.iter().zip(places) {
         let share = if of.value == 0.0 { "–".to_owned() } else { digits(100.0 * of.error / of.value.abs()) };
         let length = if of.is_near_zero() { "unknown".to_owned() } else { digits(of.length) };
-        say!("{place:width$} {:>12} {:>12} {share:>10} {length:>12}", digits(of.value), digits(of.error));
+        print_line!("{place:width$} {:>12} {:>12} {share:>10} {length:>12}", digits(of.value), digits(of.error));
     }
     let percent = digits(100.0 * options.target);
     match sure {
-        Some(length) => say!(
+        Some(length) => print_line!(
             "\nA record of {} s ({} rows) brings these standard errors below {percent} %; the records so far have {} s.",
             digits(length),
             digits((length / model.sample_time).ceil()),
             digits(present)
         ),
-        None => say!("\nNo entry is known well enough for an advice."),
+        None => print_line!("\nNo entry is known well enough for an advice."),
     }
     if planned.iter().any(Planned::is_near_zero) {
-        tell!(
+        error_line!(
             "Entries of unknown length are within {NEAR_ZERO} standard errors of 0. Fix them in the structure, excite the plant \
              more, or plan again after a longer record."
         );

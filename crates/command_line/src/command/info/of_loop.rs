@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 pub fn execute(name: &str, as_json: bool) -> Result<(), Error> {
     let structure = LoopFiles::find(name)?.structure()?;
     if as_json {
-        say!("{}", in_json(&structure));
+        print_line!("{}", in_json(&structure));
     } else {
         print(&structure);
     }
@@ -33,15 +33,15 @@ fn in_json(structure: &Structure) -> Value {
 
 fn print(structure: &Structure) {
     // What others wrote may hold line ends and control characters.
-    let line = |text: String| say!("{}", one_line(&text));
+    let line = |text: String| print_line!("{}", one_line(&text));
     let Structure { name, description, components, connections, stop_time, step, order, .. } = structure;
     line(if description.is_empty() { name.clone() } else { format!("{name}: {description}") });
     let [until, step] = [*stop_time, *step].map(number);
     line(format!("until {until} s, communication step {step} s, {order}"));
-    say!();
-    say!("{:24} FMU", "component");
+    print_line!();
+    print_line!("{:24} FMU", "component");
     components.iter().for_each(|component| line(format!("{:24} {}", component.name, component.source)));
-    say!();
-    say!("{:32} to", "connection from");
+    print_line!();
+    print_line!("{:32} to", "connection from");
     connections.iter().for_each(|each| line(format!("{:32} {}", joined(&each.from), joined(&each.to))));
 }

@@ -13,7 +13,7 @@ use crate::command::linearise::assignment;
 use crate::command::number::positive;
 
 /// Largest number of components whose names are listed.
-const MOST_TOLD: usize = 20;
+const MOST_LINES: usize = 20;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -86,9 +86,9 @@ fn write(arguments: &Arguments, folder: &Path) -> Result<(), Error> {
     let warnings: Vec<_> = warnings.chain(refusal).collect();
     let file = folder.join(STRUCTURE);
     if arguments.json {
-        say!("{}", in_json(&draft, &file, &warnings))
+        print_line!("{}", in_json(&draft, &file, &warnings))
     } else {
-        tell(&draft, &file, &warnings)
+        print_summary(&draft, &file, &warnings)
     }
     Ok(())
 }
@@ -100,16 +100,16 @@ fn in_json(draft: &Draft, file: &Path, warnings: &[String]) -> Value {
             "adapted": adapted, "warnings": warnings })
 }
 
-fn tell(draft: &Draft, file: &Path, warnings: &[String]) {
-    say!("{}", file.display());
+fn print_summary(draft: &Draft, file: &Path, warnings: &[String]) {
+    print_line!("{}", file.display());
     let (connected, open, unneeded) = (draft.connected(), draft.open(), draft.unneeded());
-    say!("connected inputs: {connected}; open inputs, each with a comment in the file: {}", open.len());
+    print_line!("connected inputs: {connected}; open inputs, each with a comment in the file: {}", open.len());
     if !unneeded.is_empty() {
-        say!("inputs that need no connection: {}", first(&unneeded).join(", "));
+        print_line!("inputs that need no connection: {}", first(&unneeded).join(", "));
     }
     draft.adapted().for_each(|line| remark!("{line}"));
     first(&open).iter().for_each(|line| remark!("to decide: {line}"));
-    warnings.iter().for_each(|warning| tell!("{warning}"));
+    warnings.iter().for_each(|warning| error_line!("{warning}"));
 }
 
 /// Refuses a name in the loop that is given to two units.
@@ -129,10 +129,10 @@ fn given_once(words: &[String]) -> Result<(), Error> {
 
 /// The first of many lines, and how many more there are.
 fn first(lines: &[String]) -> Vec<String> {
-    let more = lines.len().saturating_sub(MOST_TOLD);
-    let mut told: Vec<_> = lines.iter().take(MOST_TOLD).cloned().collect();
-    told.extend((more > 0).then(|| format!("and {more} more")));
-    told
+    let more = lines.len().saturating_sub(MOST_LINES);
+    let mut shown: Vec<_> = lines.iter().take(MOST_LINES).cloned().collect();
+    shown.extend((more > 0).then(|| format!("and {more} more")));
+    shown
 }
 
 /// The name of a folder without what a loop's name can't hold.

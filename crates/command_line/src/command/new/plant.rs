@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use super::UnitArguments;
 use crate::command::hosting::HostingOptions;
 use crate::command::identify::level;
-use crate::command::linearise::{as_json, remarks, told};
+use crate::command::linearise::{as_json, method_text, remarks};
 use crate::command::names::{Names, Which};
 use crate::command::number::positive;
 use crate::command::trim::TrimOptions;
@@ -148,11 +148,11 @@ fn refuse(option: &str, value: &str, allowed: &str) -> Error {
 /// The free inputs with the values that were found.
 fn inputs_there(linear: &Linearisation) -> String {
     let is_free = |name: &String| linear.trim.iter().any(|trim| trim.free.contains(name));
-    let told = |input: &Quantity| {
+    let shown = |input: &Quantity| {
         let unit = input.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
         format!("{} = {}{unit}", input.name, number(input.value))
     };
-    let inputs: Vec<_> = linear.inputs.iter().filter(|input| is_free(&input.name)).map(told).collect();
+    let inputs: Vec<_> = linear.inputs.iter().filter(|input| is_free(&input.name)).map(shown).collect();
     if inputs.is_empty() { String::new() } else { format!(" and {}", inputs.join(", ")) }
 }
 
@@ -177,7 +177,7 @@ fn linearised(
         linear.name,
         linear.time,
         inputs_there(&linear),
-        told(linear.method)
+        method_text(linear.method)
     );
     linear.trim.iter().flat_map(remarks).for_each(|line| remark!("{line}"));
     let mut plant = as_json(&linear);

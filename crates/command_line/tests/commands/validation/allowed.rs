@@ -25,7 +25,7 @@ fn shared(attributes: &str, first: &str, second: &str) -> String {
 #[test]
 fn what_tools_stumble_over_is_a_warning() {
     let whole = xml();
-    for (was, is, told) in [
+    for (was, is, message) in [
         (
             "<Real unit=\"1\" start=\"0.0\"/>",
             "<Real unit=\"rad\" displayUnit=\"grad\" start=\"0\"/>",
@@ -37,7 +37,7 @@ fn what_tools_stumble_over_is_a_warning() {
         assert!(whole.contains(was), "{was}");
         let findings = findings_of(&whole.replacen(was, is, 1));
         assert!(findings.len() == 1 && findings[0].severity == Severity::Warning, "{is}: {findings:#?}");
-        assert_eq!(findings[0].what, told);
+        assert_eq!(findings[0].what, message);
     }
 }
 

@@ -22,8 +22,8 @@ fn a_long_name_is_shown_in_part() {
     assert_eq!(findings.len(), 1000);
     let shown: Vec<String> = findings.iter().map(ToString::to_string).collect();
     assert!(shown.iter().all(|line| line.len() < 2000));
-    for told in ["`: it is listed twice in Outputs", "`, a constant with a different value"] {
-        let line = shown.iter().find(|line| line.contains(told)).unwrap();
+    for message in ["`: it is listed twice in Outputs", "`, a constant with a different value"] {
+        let line = shown.iter().find(|line| line.contains(message)).unwrap();
         assert!(line.contains("`xyyy") && line.contains("yyy…yyy") && line.contains("yyyz`"), "{line}");
     }
 }

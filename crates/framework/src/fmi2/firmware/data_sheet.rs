@@ -49,7 +49,7 @@ fn timing(law: &Law, structs: &Structs, fastest: Option<&Fastest>) -> String {
         rows.push(("Runge-Kutta steps of order 4 in a call", format!("{}{least}", law.substeps)));
     }
     if let Some(fastest) = fastest {
-        rows.push(("fastest mode that decays", fastest.told()));
+        rows.push(("fastest mode that decays", fastest.to_text()));
         rows.push(("longest period with these steps", format!("{} s", number(fastest.longest(law.substeps)))));
     }
     let rows: String = rows.into_iter().map(|(what, value)| format!("| {what} | {value} |\n")).collect();

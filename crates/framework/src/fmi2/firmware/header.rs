@@ -101,7 +101,7 @@ fn timing(law: &Law, fastest: Option<&Fastest>) -> String {
         return period
             + &format!("/* Runge-Kutta steps of order 4 in each call. */\n#define §_SUBSTEPS {substeps}\n\n");
     };
-    let (least, mode) = (fastest.least, fastest.told());
+    let (least, mode) = (fastest.least, fastest.to_text());
     period
         + &format!(
             "/* Runge-Kutta steps of order 4 in each call. With fewer than the least number the fastest mode with the parameters of the export\n \

@@ -342,11 +342,11 @@ impl<'a> Law<'a> {
     pub fn refusals(&self, recording: &Recording) -> Vec<(Node, String)> {
         let reason = |note: &Note| match note {
             Note::Refusal { condition, reason } => {
-                let told = self.variables().told(&reason.to_string());
-                let mut pieces = told.split("{node ");
+                let text = self.variables().named(&reason.to_string());
+                let mut pieces = text.split("{node ");
                 let first = pieces.next().unwrap_or_default().to_owned();
                 let behind = |piece: &str| piece.split_once('}').map_or(String::new(), |(_, rest)| rest.to_owned());
-                Some((*condition, pieces.fold(first, |text, piece| text + "..." + &behind(piece))))
+                Some((*condition, pieces.fold(first, |start, piece| start + "..." + &behind(piece))))
             }
             Note::Message { .. } => None,
         };

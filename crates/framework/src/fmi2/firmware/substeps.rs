@@ -76,7 +76,7 @@ impl Fastest {
         let least = (value.norm() * period / reach(value.unscale(value.norm())) * (1.0 - ROUNDING)).ceil().max(1.0);
         if least > f64::from(MOST_SUBSTEPS) {
             let longest = period * f64::from(MOST_SUBSTEPS) / least;
-            let mode = Fastest { value, time, least: 0 }.told();
+            let mode = Fastest { value, time, least: 0 }.to_text();
             let allowed = format!(
                 "must be at most {} s: its fastest mode ({mode}) needs {least} Runge-Kutta steps in this one, and {MOST_SUBSTEPS} are possible",
                 number(longest)
@@ -93,7 +93,7 @@ impl Fastest {
     }
 
     /// The eigenvalue in words.
-    pub fn told(&self) -> String {
+    pub fn to_text(&self) -> String {
         let imaginary = self.value.im.abs();
         let both = if imaginary > 0.0 { format!(" +- {}j", number(imaginary)) } else { String::new() };
         format!("{}{both} 1/s after {} s", number(self.value.re), number(self.time))
@@ -110,7 +110,7 @@ pub(super) fn raise(law: &mut Law, options: &Options, fastest: Option<&Fastest>)
         law.substeps = fastest.least;
         return Ok(());
     }
-    let (least, mode) = (fastest.least, fastest.told());
+    let (least, mode) = (fastest.least, fastest.to_text());
     let allowed = format!("must be at least {least}: with fewer its fastest mode ({mode}) grows");
     Err(Invalid::new("substeps", law.substeps, allowed))
 }

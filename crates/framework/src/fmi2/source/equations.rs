@@ -6,7 +6,7 @@ use super::Unit;
 use super::blocks::Wanted;
 use super::expression::{Expression, Kind};
 use super::function::{Function, framed};
-use super::message::{Told, quoted};
+use super::message::{MessageFormat, quoted};
 use super::names::Names;
 use crate::recording::{Leaf, Method, Node, Note, Operation, Tape};
 use crate::system::Section;
@@ -146,28 +146,31 @@ pub(super) fn write(unit: &Unit) -> String {
 pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target], notes: &[Note]) -> String {
     let mut names = Names::default();
     let mut function = Function::new(&mut names, "int");
-    let told: Vec<(Node, Told)> = notes.iter().map(|note| (note.condition(), unit.told(note))).collect();
-    let of_notes = told.iter().flat_map(|(condition, told)| std::iter::once(*condition).chain(told.numbers.clone()));
+    let messages: Vec<(Node, MessageFormat)> =
+        notes.iter().map(|note| (note.condition(), unit.format_of(note))).collect();
+    let of_notes =
+        messages.iter().flat_map(|(condition, messages)| std::iter::once(*condition).chain(messages.numbers.clone()));
     let wanted: Vec<Node> = targets.iter().map(|target| target.node).chain(of_notes).collect();
     let given = read(unit, tape, &wanted, &mut function);
     let variables: HashMap<Node, &String> =
         targets.iter().rev().filter_map(|target| Some((target.node, target.variable.as_ref()?))).collect();
     let named = |node: Node| variables.get(&node).map(|name| (*name).clone());
     // Numbers of a message are computed under the message's condition.
-    let when_told = told.iter().flat_map(|(condition, told)| {
-        std::iter::once((*condition, None)).chain(told.numbers.iter().map(|&number| (number, Some(*condition))))
+    let when_logged = messages.iter().flat_map(|(condition, messages)| {
+        std::iter::once((*condition, None)).chain(messages.numbers.iter().map(|&number| (number, Some(*condition))))
     });
-    let wanted: Vec<Wanted> = targets.iter().map(|target| (target.node, None)).chain(when_told).collect();
+    let wanted: Vec<Wanted> = targets.iter().map(|target| (target.node, None)).chain(when_logged).collect();
     let of = |operation: &Operation| match operation {
         Operation::Leaf(leaf) => given[leaf].clone(),
         _ => Expression::number(f64::NAN),
     };
     let found = function.compute(tape.operations(), &wanted, &named, &of);
     let mut numbers = found[targets.len()..].iter();
-    for (note, (_, told)) in notes.iter().zip(&told) {
+    for (note, (_, messages)) in notes.iter().zip(&messages) {
         let condition = numbers.next().expect("each note has a condition").condition();
-        let values: Vec<String> = numbers.by_ref().take(told.numbers.len()).map(|value| value.real().text).collect();
-        say(unit, note, told, &condition.text, &values, &mut function);
+        let values: Vec<String> =
+            numbers.by_ref().take(messages.numbers.len()).map(|value| value.real().text).collect();
+        log(unit, note, messages, &condition.text, &values, &mut function);
     }
     for (target, found) in targets.iter().zip(&found) {
         let value = if target.kind == Kind::Real { found.real() } else { found.whole() };
@@ -205,7 +208,7 @@ fn read(unit: &Unit, tape: &Tape, wanted: &[Node], function: &mut Function) -> H
 }
 
 /// Writes a message or a refusal under a condition.
-fn say(unit: &Unit, note: &Note, told: &Told, condition: &str, values: &[String], function: &mut Function) {
+fn log(unit: &Unit, note: &Note, message: &MessageFormat, condition: &str, values: &[String], function: &mut Function) {
     let given = match note {
         Note::Message { category, .. } => format!("log_text(messages, {}, ", unit.category(category)),
         Note::Refusal { .. } => "refuse(messages, ".to_owned(),
@@ -215,6 +218,6 @@ fn say(unit: &Unit, note: &Note, told: &Told, condition: &str, values: &[String]
     if !values.is_empty() {
         function.line(&format!("    const real values[] = {{ {} }};", values.join(", ")));
     }
-    function.whole_line(&format!("    {given}{}, {array}, {});", quoted(&told.text), values.len()));
+    function.whole_line(&format!("    {given}{}, {array}, {});", quoted(&message.text), values.len()));
     function.line("}");
 }

@@ -58,7 +58,7 @@ pub fn write(unit: &Unit) -> String {
     define("UNIT_HAS_TIME_EVENTS", &u8::from(has_time_events(unit)));
     define("UNIT_OUTPUTS", &variables.controlled().count());
     define("UNIT_CATEGORIES", &unit.categories.len());
-    let (messages, values) = told(unit);
+    let (messages, values) = message_sizes(unit);
     define("UNIT_MOST_MESSAGES", &messages);
     define("UNIT_MOST_VALUES", &values);
     let columns = model.sparsity().columns();
@@ -93,13 +93,13 @@ fn has_time_events(unit: &Unit) -> bool {
 }
 
 /// The most messages that a method may leave, and the most numbers in one.
-fn told(unit: &Unit) -> (usize, usize) {
+fn message_sizes(unit: &Unit) -> (usize, usize) {
     let mut most = (1, 1);
     for method in Method::ALL {
         let recording = unit.record(method);
         let notes = recording.tape.notes();
         let messages = notes.iter().filter(|note| matches!(note, Note::Message { .. })).count();
-        let values = notes.iter().map(|note| unit.told(note).numbers.len()).max().unwrap_or_default();
+        let values = notes.iter().map(|note| unit.format_of(note).numbers.len()).max().unwrap_or_default();
         most = (most.0.max(messages), most.1.max(values));
     }
     most

@@ -6,27 +6,27 @@ use crate::recording::Node;
 
 /// A text with marks where numbers go: the byte 1, then how a number is written.
 #[derive(Debug, PartialEq, Eq)]
-pub struct Told {
+pub struct MessageFormat {
     /// The text.
     pub text: String,
     /// The numbers, in the order of their marks.
     pub numbers: Vec<Node>,
 }
 
-impl Told {
+impl MessageFormat {
     /// A text of a recording, in which numbers are referred to as `{node 12}`, with how they are written behind.
     pub fn of(text: &str) -> Self {
         let mut pieces = text.split("{node ");
-        let mut told = Told { text: pieces.next().unwrap_or_default().to_owned(), numbers: Vec::new() };
+        let mut format = MessageFormat { text: pieces.next().unwrap_or_default().to_owned(), numbers: Vec::new() };
         for piece in pieces {
             let (reference, rest) = piece.split_once('}').unwrap_or((piece, ""));
             let (number, how) = reference.split_once(' ').unwrap_or((reference, ""));
-            told.numbers.push(Node::at(number.parse().unwrap_or_default()));
-            told.text.push('\u{1}');
-            told.text += &mark(how);
-            told.text += rest;
+            format.numbers.push(Node::at(number.parse().unwrap_or_default()));
+            format.text.push('\u{1}');
+            format.text += &mark(how);
+            format.text += rest;
         }
-        told
+        format
     }
 }
 
@@ -67,11 +67,11 @@ mod tests {
 
     #[test]
     fn numbers_are_marked_in_their_order() {
-        let told = Told::of("x = {node 12}, about {node 3 rounded}, {node 7 .3e} or {node 8 .2f} {m}");
-        assert_eq!(told.text, "x = \u{1}n, about \u{1}r, \u{1}e3 or \u{1}f2 {m}");
-        assert_eq!(told.numbers, [12, 3, 7, 8].map(Node::at));
-        let told = Told::of("{node 1 .1c} or less, within {node 2 at most}, above {node 3 at least}");
-        assert_eq!(told.text, "\u{1}c1 or less, within \u{1}d, above \u{1}u");
+        let format = MessageFormat::of("x = {node 12}, about {node 3 rounded}, {node 7 .3e} or {node 8 .2f} {m}");
+        assert_eq!(format.text, "x = \u{1}n, about \u{1}r, \u{1}e3 or \u{1}f2 {m}");
+        assert_eq!(format.numbers, [12, 3, 7, 8].map(Node::at));
+        let format = MessageFormat::of("{node 1 .1c} or less, within {node 2 at most}, above {node 3 at least}");
+        assert_eq!(format.text, "\u{1}c1 or less, within \u{1}d, above \u{1}u");
     }
 
     #[test]

@@ -23,7 +23,7 @@ use crate::recording::{Leaf, Method, Node, Note, Operation, Recording};
 use crate::system::{MessageLog, Section, Variability, Variable, Variables};
 use equations::Target;
 use expression::Kind;
-use message::Told;
+use message::MessageFormat;
 
 macro_rules! runtime {
     ($($name:literal)*) => {
@@ -204,11 +204,11 @@ impl<'a> Unit<'a> {
     }
 
     /// A message or a refusal, in the names that users know.
-    fn told(&self, note: &Note) -> Told {
+    fn format_of(&self, note: &Note) -> MessageFormat {
         let variables = self.model.variables();
         match note {
-            Note::Message { text, .. } => Told::of(&variables.told(text)),
-            Note::Refusal { reason, .. } => Told::of(&variables.told(&reason.to_string())),
+            Note::Message { text, .. } => MessageFormat::of(&variables.named(text)),
+            Note::Refusal { reason, .. } => MessageFormat::of(&variables.named(&reason.to_string())),
         }
     }
 }

@@ -22,7 +22,7 @@ const NO_EFFECT: f64 = 1e-3;
 ///
 /// # Errors
 /// When the FMU refuses to return to that point.
-pub(super) fn told(bound: &mut Bound, plan: &Plan, point: &OperatingPoint, end: &End) -> Result<String, Error> {
+pub(super) fn message(bound: &mut Bound, plan: &Plan, point: &OperatingPoint, end: &End) -> Result<String, Error> {
     bound.set(&end.unknowns)?;
     let others: Vec<_> = plan.inputs.iter().filter(|input| !point.free.contains(&input.name)).copied().collect();
     let by_others = bound.by_inputs(&others)?;
@@ -97,12 +97,12 @@ fn without_effect(bound: &Bound, end: &End) -> String {
 }
 
 fn at_bounds(bound: &Bound, end: &End) -> String {
-    let told = |AtBound { name, value, unit, is_largest }: AtBound| {
+    let shown = |AtBound { name, value, unit, is_largest }: AtBound| {
         let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
         let which = if is_largest { "largest" } else { "smallest" };
         format!("{name} is at its {which} value, {}{unit}", number(value))
     };
-    at_bound(&bound.aim.unknowns(), end).into_iter().map(told).collect::<Vec<_>>().join(", ")
+    at_bound(&bound.aim.unknowns(), end).into_iter().map(shown).collect::<Vec<_>>().join(", ")
 }
 
 /// Inputs whose change would lessen the residuals.

@@ -11,14 +11,14 @@ use crate::model_description::Variable;
 /// Appends the purpose of the FMU.
 pub fn push_purpose(page: &mut String, handed: &Handed) {
     if let Some(entry) = handed.entry {
-        let _ = writeln!(page, "<div id=\"purpose\">{}</div>", handed.told(entry.guide.purpose));
+        let _ = writeln!(page, "<div id=\"purpose\">{}</div>", handed.to_html(entry.guide.purpose));
     }
 }
 
 /// Appends the behaviour of the FMU without connections.
 pub fn push_alone(page: &mut String, handed: &Handed) {
     if let Some(entry) = handed.entry {
-        let _ = writeln!(page, "<div id=\"alone\">{}</div>", handed.told(entry.guide.alone));
+        let _ = writeln!(page, "<div id=\"alone\">{}</div>", handed.to_html(entry.guide.alone));
     }
 }
 
@@ -47,7 +47,7 @@ pub fn push_gains(page: &mut String, handed: &Handed) {
             rows,
             "<tr><td><code>{}</code><td>{}<td>{}<td>{}<td>{}",
             escaped(&shown),
-            handed.told(text).trim().trim_start_matches("<p>").trim_end_matches("</p>"),
+            handed.to_html(text).trim().trim_start_matches("<p>").trim_end_matches("</p>"),
             escaped(&starts(&elements)),
             escaped(unit_of(elements[0])),
             escaped(&allowed(elements[0])),
@@ -113,9 +113,10 @@ pub fn push_limits(page: &mut String, handed: &Handed) {
         seen.push(entry.kind.name);
         new
     });
-    let parts: String =
-        parts.map(|(name, entry)| format!("<h3>{}</h3>\n{}", escaped(name), handed.told(entry.guide.limits))).collect();
+    let parts: String = parts
+        .map(|(name, entry)| format!("<h3>{}</h3>\n{}", escaped(name), handed.to_html(entry.guide.limits)))
+        .collect();
     if !limits.is_empty() {
-        let _ = write!(page, "<h2 id=\"limits\">Limitations</h2>\n{}{parts}", handed.told(limits));
+        let _ = write!(page, "<h2 id=\"limits\">Limitations</h2>\n{}{parts}", handed.to_html(limits));
     }
 }

@@ -67,7 +67,7 @@ impl<'a> Handed<'a> {
     }
 
     /// Converts the sections of Markdown that apply to this FMU to HTML.
-    fn told(&self, markdown: &str) -> String {
+    fn to_html(&self, markdown: &str) -> String {
         let own = [&self.description.structure];
         let structures: Vec<&toml::Table> = if self.parts.is_empty() {
             own.to_vec()
@@ -116,7 +116,7 @@ pub fn html(handed: &Handed) -> String {
     response::push(&mut page, handed, &wiring);
     guide::push_warnings(&mut page, handed);
     guide::push_limits(&mut page, handed);
-    let _ = write!(page, "<h2 id=\"law\">{}</h2>\n{}", guide::heading(handed), handed.told(&unit.documentation));
+    let _ = write!(page, "<h2 id=\"law\">{}</h2>\n{}", guide::heading(handed), handed.to_html(&unit.documentation));
     variables::push_others(&mut page, handed);
     nominal::push(&mut page, handed.description.nominal.as_ref());
     report::push(&mut page, &unit.report);

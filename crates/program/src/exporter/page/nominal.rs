@@ -26,19 +26,19 @@ pub fn push(page: &mut String, nominal: Option<&NominalPlant>) {
 }
 
 fn rows(plant: &NominalPlant) -> Vec<Row> {
-    let told = |text: &str| text.to_owned();
+    let owned = |text: &str| text.to_owned();
     let mut rows: Vec<Row> =
         [("A", &plant.A, "state matrix"), ("B", &plant.B, "input matrix"), ("C", &plant.C, "output matrix")]
-            .map(|(name, matrix, note)| (name, matrix.into(), "", told(note)))
+            .map(|(name, matrix, note)| (name, matrix.into(), "", owned(note)))
             .into();
     if plant.is_delayed() {
-        rows.push(("delay", each(&plant.delay), "s", told("dead time of the inputs")));
+        rows.push(("delay", each(&plant.delay), "s", owned("dead time of the inputs")));
     }
     if let Some(bandwidth) = plant.bandwidth {
-        rows.push(("bandwidth", bandwidth.into(), "rad/s", told("requested bandwidth of the design")));
+        rows.push(("bandwidth", bandwidth.into(), "rad/s", owned("requested bandwidth of the design")));
     }
     if let Some(reference) = &plant.reference {
-        rows.push(("reference", each(reference), "", told("usual magnitude of the reference")));
+        rows.push(("reference", each(reference), "", owned("usual magnitude of the reference")));
     }
     rows.extend(uncertainty(&plant.uncertainty));
     rows
@@ -59,9 +59,9 @@ fn uncertainty(uncertainty: &Uncertainty) -> Vec<Row> {
             let level = level.map(|level| format!("confidence level {} %", number(100.0 * level)));
             let margin = margin.map(|margin| format!("region enlarged {} times", number(margin)));
             let sum = sha256.as_ref().map(|sum| format!("SHA-256 {sum}"));
-            let told: Vec<_> =
+            let words: Vec<_> =
                 [Some("identified model".to_owned()), level, margin, sum].into_iter().flatten().collect();
-            vec![("model", file.clone().into(), "", told.join(", "))]
+            vec![("model", file.clone().into(), "", words.join(", "))]
         }
     }
 }

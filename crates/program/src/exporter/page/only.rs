@@ -72,11 +72,11 @@ mod tests {
     fn what_a_unit_does_not_have_is_left_out() {
         let page = "a\n<!-- only: baseline = inside or baseline = outside -->\nb\n<!-- only: filter -->\nc\n<!-- end -->\n\
                     <!-- end -->\n<!-- only: no unmatched -->\nd\n<!-- end -->\ne";
-        let told = |text: &str| having(page, &[&structure(text)]).replace('\n', "");
-        assert_eq!(told(""), "ade");
-        assert_eq!(told("baseline = 'none'\nunmatched = true"), "ae");
-        assert_eq!(told("baseline = 'inside'\nunmatched = false"), "abde");
-        assert_eq!(told("baseline = 'outside'\nfilter = { poles = [1.0] }"), "abcde");
+        let shown = |text: &str| having(page, &[&structure(text)]).replace('\n', "");
+        assert_eq!(shown(""), "ade");
+        assert_eq!(shown("baseline = 'none'\nunmatched = true"), "ae");
+        assert_eq!(shown("baseline = 'inside'\nunmatched = false"), "abde");
+        assert_eq!(shown("baseline = 'outside'\nfilter = { poles = [1.0] }"), "abcde");
     }
 
     #[test]

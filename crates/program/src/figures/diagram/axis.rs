@@ -55,17 +55,17 @@ pub fn labelled(quantity: &str, unit: &str) -> String {
 
 /// The label of the axis of values: the quantities of the units, or the beginning of the title.
 pub fn value_label(title: &str, units: &BTreeSet<&str>, errors: bool) -> String {
-    let told: Vec<&str> = units.iter().copied().filter(|unit| !unit.is_empty()).collect();
+    let known: Vec<&str> = units.iter().copied().filter(|unit| !unit.is_empty()).collect();
     let title = title.rsplit(": ").next().unwrap_or(title);
     let of_title = [", ", " and ", " in "].iter().fold(title, |title, end| title.split(end).next().unwrap_or(title));
     let quantity = |unit: &str| {
         let of_unit = QUANTITIES.iter().find(|(_, units)| units.contains(&unit)).map(|(quantity, _)| *quantity);
         if errors { "error" } else { of_unit.unwrap_or(if of_title.is_empty() { "value" } else { of_title }) }
     };
-    match told[..] {
+    match known[..] {
         [] => quantity("").to_owned(),
-        _ if told.len() > MOST_UNITS => "values, each in its unit".to_owned(),
-        _ => told.iter().map(|unit| labelled(quantity(unit), unit)).collect::<Vec<_>>().join(", "),
+        _ if known.len() > MOST_UNITS => "values, each in its unit".to_owned(),
+        _ => known.iter().map(|unit| labelled(quantity(unit), unit)).collect::<Vec<_>>().join(", "),
     }
 }
 

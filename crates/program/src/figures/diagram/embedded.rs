@@ -45,12 +45,12 @@ impl Diagram<'_> {
     /// Data for a program that has the signals.
     pub fn without_points(&self) -> Value {
         let curve = |curve: &Curve| {
-            let mut told = json!({ "name": curve.name, "colour": curve.style.colour, "dashes": curve.style.dashes,
+            let mut data = json!({ "name": curve.name, "colour": curve.style.colour, "dashes": curve.style.dashes,
                                    "beneath": curve.style.beneath });
-            if let (Value::Object(told), Ok(Value::Object(shown))) = (&mut told, serde_json::to_value(&curve.shown)) {
-                told.extend(shown);
+            if let (Value::Object(data), Ok(Value::Object(shown))) = (&mut data, serde_json::to_value(&curve.shown)) {
+                data.extend(shown);
             }
-            told
+            data
         };
         let signals = self.curves.iter().filter(|curve| curve.shown.minus.is_none());
         let signals: Vec<&String> = signals.filter_map(|curve| curve.shown.of.as_ref()).collect();

@@ -164,14 +164,14 @@ fn panels(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top:
         };
         let frame = Frame { left, top, width, height: sheet.height, x: Axis::linear((from, to)), y };
         frame.draw(out, sheet.font, diagram);
-        let told = match (peak, place) {
+        let note = match (peak, place) {
             (None, _) => "",
             (Some(0), 0) => "the start",
             (Some(0), _) => "after it, on a scale of its own",
             (_, 0) => "before the end, on a scale of its own",
             _ => "the end",
         };
-        text(out, (left, top - 0.5 * sheet.font), told, &format!("fill=\"{GREY}\" font-style=\"italic\""));
+        text(out, (left, top - 0.5 * sheet.font), note, &format!("fill=\"{GREY}\" font-style=\"italic\""));
         left += width + between;
     }
     let (middle, bottom) = ((edges.left + edges.right) / 2.0, top + sheet.height);

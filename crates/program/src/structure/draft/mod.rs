@@ -146,8 +146,8 @@ impl Draft {
         Ok(match check(&structure, &descriptions, Circles::Exchanged) {
             // `undecided` and `unneeded` list the inputs without a connection.
             Ok(wiring) => {
-                let told = |note: &String| !note.contains(" is not connected and stays at ");
-                Checked { notes: wiring.notes.into_iter().filter(told).collect(), refusal: None }
+                let is_shown = |note: &String| !note.contains(" is not connected and stays at ");
+                Checked { notes: wiring.notes.into_iter().filter(is_shown).collect(), refusal: None }
             }
             Err(refusal) => Checked { notes: Vec::new(), refusal: Some(refusal) },
         })

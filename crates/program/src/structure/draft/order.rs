@@ -39,11 +39,11 @@ pub fn order(units: &[DraftUnit], roles: &[Role], wires: &Wires) -> Vec<usize> {
     for (from, (unit, input)) in wires.connections().filter(|(from, to)| from.0 != to.0) {
         let description = &units[unit].description;
         // A plant that declares no dependencies is taken to have states between its inputs and outputs.
-        let untold = roles[unit] != Role::Plant;
+        let undeclared = roles[unit] != Role::Plant;
         let declared = &description.dependencies;
-        let shows = declared.iter().any(|(_, on)| on.as_ref().map_or(untold, |on| on.contains(&input)));
+        let shows = declared.iter().any(|(_, on)| on.as_ref().map_or(undeclared, |on| on.contains(&input)));
         let outputs = description.variables.iter().filter(|variable| variable.causality == "output").count();
-        if units[unit].hands_on() || shows || untold && declared.len() < outputs {
+        if units[unit].hands_on() || shows || undeclared && declared.len() < outputs {
             sources[unit].insert(from.0);
         }
     }

@@ -101,11 +101,11 @@ fn wire(draft: &Draft, to: Signal, input: &Input) -> Vec<String> {
     match input {
         Input::Unneeded => Vec::new(),
         Input::Connected { from, why } => {
-            let told = why.as_ref().map(|why| {
+            let line = why.as_ref().map(|why| {
                 let text = format!("{} goes to {shown}: {why}", draft.shown(*from));
                 format!("      <!-- {} -->", comment(&text))
             });
-            told.into_iter().chain([format!("      {}", connection(draft, *from, to))]).collect()
+            line.into_iter().chain([format!("      {}", connection(draft, *from, to))]).collect()
         }
         Input::Open { reason, offered } => {
             let Variable { start, unit, .. } = draft.variable(to);

@@ -34,10 +34,10 @@ impl DraftUnit {
     /// For a description that is refused.
     pub fn of_description(source: &Source, place: String, library: &Library) -> Result<Self, Error> {
         let refuse = |reason: String| Error::Description { file: source.file.clone(), reason };
-        let told = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
+        let own = model::Description::read(&source.text).map_err(|invalid| refuse(invalid.to_string()))?;
         let (unit, _) = describe(source, library)?;
         let description = ModelDescription::read(&unit.model_description).map_err(refuse)?;
-        Ok(DraftUnit { given: None, stem: told.name, source: place, description, model: Some(told.model) })
+        Ok(DraftUnit { given: None, stem: own.name, source: place, description, model: Some(own.model) })
     }
 
     /// True if it passes on signals of any kind, channel by channel.
@@ -80,8 +80,8 @@ impl<'a> Found<'a> {
         let description = description.map_err(|reason| Error::Archive { file: path.to_owned(), reason })?;
         // An FMU of this package contains its description.
         let own = description.generation_tool.starts_with("adaptive-fmu");
-        let told = own.then(|| read_entry(path, DESCRIBED).ok()).flatten();
-        let model = told.and_then(|text| model::Description::read(&text).ok()).map(|told| told.model);
+        let described = own.then(|| read_entry(path, DESCRIBED).ok()).flatten();
+        let model = described.and_then(|text| model::Description::read(&text).ok()).map(|described| described.model);
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(DraftUnit { given: None, stem, source: source_of(path, self.folder)?, description, model })
     }

@@ -120,8 +120,8 @@ impl<'a> Search<'a> {
         let name = |(unit, variable): Signal| units[unit].description.variables[variable].name.as_str();
         let outputs = signals(units, "output");
         let (mut named, mut alike): (HashMap<_, Vec<_>>, HashMap<_, Vec<_>>) = (HashMap::new(), HashMap::new());
-        let told = |signal: &&Signal| !says_nothing(&units[signal.0], name(**signal));
-        for &output in outputs.iter().filter(told) {
+        let has_name = |signal: &&Signal| !says_nothing(&units[signal.0], name(**signal));
+        for &output in outputs.iter().filter(has_name) {
             named.entry(name(output)).or_default().push(output);
             alike.entry(key(name(output))).or_default().push(output);
         }
@@ -209,8 +209,9 @@ impl<'a> Search<'a> {
         let own = self.variable(input);
         let fits = |output: &&Signal| {
             let variable = self.variable(**output);
-            let told = |variable: &Variable| variable.measure.as_ref().and_then(|unit| unit.dimension);
-            let same = told(variable).is_none() || told(own).is_none() || told(variable) == told(own);
+            let dimension = |variable: &Variable| variable.measure.as_ref().and_then(|unit| unit.dimension);
+            let same =
+                dimension(variable).is_none() || dimension(own).is_none() || dimension(variable) == dimension(own);
             // A discrete output, such as a status, is no signal for a continuous input.
             let flows = variable.variability == "continuous" || own.variability != "continuous";
             output.0 != input.0 && same && flows && misfit(variable, own).is_none()

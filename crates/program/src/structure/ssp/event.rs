@@ -75,8 +75,8 @@ mod tests {
         assert_eq!((event.time, &*event.name, &*event.text), (2.5, "plant.a[1,2]", "-3e-1"));
         assert_eq!(Event::read(&event.written()).unwrap().written(), event.written());
         for wrong in ["", "5", "5: x", "x: y=1", "plant.a=1", "nan: x=1", "inf: x=1"] {
-            let told = Event::read(wrong).unwrap_err().to_string();
-            assert!(told.contains("must be TIME: NAME=VALUE"), "{told}");
+            let error = Event::read(wrong).unwrap_err().to_string();
+            assert!(error.contains("must be TIME: NAME=VALUE"), "{error}");
         }
     }
 }

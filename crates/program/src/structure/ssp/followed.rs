@@ -250,9 +250,9 @@ mod tests {
             &[("x[1]", ""), ("x[2]", ""), ("y[1]", ""), ("y[2]", "")],
             &["r[1]", "dr[1]", "r[2]", "x[1]", "x[2]"],
         );
-        let told = titled(&text);
-        assert_eq!(told[0].1, "plant.y[1] setpoint.r[1] plant.y[2] setpoint.r[2]", "shown, though nothing takes it");
-        assert_eq!(told[1], ("setpoint".to_owned(), "setpoint.dr[1]".to_owned()));
+        let titles = titled(&text);
+        assert_eq!(titles[0].1, "plant.y[1] setpoint.r[1] plant.y[2] setpoint.r[2]", "shown, though nothing takes it");
+        assert_eq!(titles[1], ("setpoint".to_owned(), "setpoint.dr[1]".to_owned()));
     }
 
     #[test]
@@ -282,8 +282,11 @@ mod tests {
         for (setpoint, outputs) in
             [("w", [("p", "rad"), ("v", "rad")]), ("current_wanted", [("current", "A"), ("v", "A")])]
         {
-            let told = titled(&of(&[setpoint], &outputs, &["w", "a", "b"]));
-            assert_eq!(told.iter().map(|(title, _)| title.as_str()).collect::<Vec<_>>(), ["setpoint", "law", "plant"]);
+            let titles = titled(&of(&[setpoint], &outputs, &["w", "a", "b"]));
+            assert_eq!(
+                titles.iter().map(|(title, _)| title.as_str()).collect::<Vec<_>>(),
+                ["setpoint", "law", "plant"]
+            );
         }
     }
 }

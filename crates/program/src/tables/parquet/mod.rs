@@ -199,8 +199,8 @@ fn leaves<'a>(file: &Value<'a>, about: &About, texts: &[&str]) -> Result<Vec<Lea
             None => Kind::LeftOut("has a type that is not supported; save it as DOUBLE"),
         };
         let name = if is_inner { outer.unwrap_or(name) } else { name };
-        let is_told = is_inner && leaves.last().is_some_and(|last: &Leaf| last.name == name);
-        if !is_told {
+        let has_name = is_inner && leaves.last().is_some_and(|last: &Leaf| last.name == name);
+        if !has_name {
             let physical = physical.unwrap_or(Physical::Bytes);
             leaves.push(Leaf { place, name, physical, kind, is_optional: element.number(3) == Some(1) });
         }
@@ -269,8 +269,8 @@ impl Leaf<'_> {
             let rows = group.size(3).ok_or(DAMAGED)?;
             let about = group.list(1).get(self.place).and_then(|chunk| chunk.field(3)).ok_or(DAMAGED)?;
             budget.take(rows.saturating_mul(size_of::<f64>()))?;
-            let told = self.read_chunk(bytes, about, rows, &mut read, budget);
-            told.map_err(|reason| format!("{}: {reason}", self.name))?;
+            let result = self.read_chunk(bytes, about, rows, &mut read, budget);
+            result.map_err(|reason| format!("{}: {reason}", self.name))?;
         }
         // Dates count from the first.
         if let Kind::Time { is_date: true, .. } = self.kind {
