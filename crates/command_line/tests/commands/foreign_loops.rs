@@ -66,7 +66,7 @@ fn gain(unit: &str, gain: f64) -> String {
     format!("<ssv:Parameter name='{unit}.gain'><ssv:Real value='{gain}'/></ssv:Parameter>")
 }
 
-fn about_circles(recording: &Recording) -> Vec<&String> {
+fn loop_warnings(recording: &Recording) -> Vec<&String> {
     recording.warnings.iter().filter(|text| text.contains("algebraic loop") || text.contains("converge")).collect()
 }
 
@@ -76,7 +76,7 @@ fn a_plant_that_tells_no_dependencies_runs_in_a_loop_in_both_orders() {
         for order in [Order::Jacobi, Order::GaussSeidel] {
             let units = [("lag.c", LAG, structure), ("gain.c", GAIN, DEPENDENCIES)];
             let recording = Pair::new(units, "", &order.to_string()).recording();
-            let warnings = about_circles(&recording);
+            let warnings = loop_warnings(&recording);
             assert_eq!(warnings.len(), 1, "{warnings:?}");
             assert!(
                 warnings[0].starts_with("`one` does not declare") && warnings[0].contains("previous exchange"),
@@ -99,7 +99,7 @@ fn a_plant_that_tells_no_dependencies_runs_in_a_loop_in_both_orders() {
 fn values_that_go_round_at_once_settle_before_the_first_step() {
     let units = [("gain.c", GAIN, UNTOLD), ("gain.c", GAIN, UNTOLD)];
     let recording = Pair::new(units, &(gain("one", 0.5) + &gain("two", 0.8)), "jacobi").recording();
-    let warnings = about_circles(&recording);
+    let warnings = loop_warnings(&recording);
     assert!(warnings.len() == 1 && warnings[0].starts_with("`one`, `two` do not declare"), "{warnings:?}");
     // a = 0.5 (1 - b), b = 0.8 (1 - a)
     let (a, b) = (0.1 / 0.6, 0.4 / 0.6);
@@ -113,7 +113,7 @@ fn values_that_go_round_at_once_settle_before_the_first_step() {
 fn values_that_never_settle_are_told_by_the_signal_and_its_change() {
     let units = [("gain.c", GAIN, UNTOLD), ("gain.c", GAIN, UNTOLD)];
     let recording = Pair::new(units, &(gain("one", 2.0) + &gain("two", 3.0)), "gauss-seidel").recording();
-    let warnings = about_circles(&recording);
+    let warnings = loop_warnings(&recording);
     assert!(
         warnings.len() == 2 && warnings[1].contains("don't converge. `") && warnings[1].contains("changed by"),
         "{warnings:?}"

@@ -147,7 +147,7 @@ fn no_loop_is_circular_at_its_start() {
                 .filter(|(_, on)| on.iter().all(|on| !graph.contains_key(on)))
                 .map(|(of, _)| of.clone())
                 .collect();
-            assert!(!known.is_empty(), "{}: a circle through {:?}", folder.display(), graph.keys());
+            assert!(!known.is_empty(), "{}: an algebraic loop through {:?}", folder.display(), graph.keys());
             graph.retain(|of, _| !known.contains(of));
         }
     }

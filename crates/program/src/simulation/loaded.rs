@@ -11,7 +11,7 @@ use crate::error::{Error, Invalid};
 use crate::fmu::{Common, Fmu, Hosting, Value, own_start, typed, why_fixed, within_limits};
 use crate::model_description::{Affine, ModelDescription, Variable};
 use crate::near;
-use crate::structure::{Circles, Component, Event, Link, Order, Settings, Structure, check};
+use crate::structure::{AlgebraicLoops, Component, Event, Link, Order, Settings, Structure, check};
 
 /// A loop that is ready for instantiation.
 #[derive(Debug)]
@@ -89,7 +89,7 @@ impl LoadedLoop {
         structure.check_separate()?;
         let opened = structure.components.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let descriptions: Vec<&ModelDescription> = opened.iter().map(|fmu| &fmu.description).collect();
-        let wiring = check(structure, &descriptions, Circles::Exchanged)?;
+        let wiring = check(structure, &descriptions, AlgebraicLoops::Exchanged)?;
         let parts = structure.components.iter().zip(opened).zip(wiring.values);
         let units = parts.map(|((component, fmu), values)| {
             LoadedUnit::new(fmu, &component.name, format!("{}.", component.name), values)

@@ -28,7 +28,7 @@ pub struct Wiring {
 
 /// Treatment of algebraic loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Circles {
+pub enum AlgebraicLoops {
     /// Components use the outputs of the previous exchange. If every component declares feedthrough, the structure
     /// must accept algebraic loops; if one declares nothing, the loop is always accepted.
     Exchanged,
@@ -60,7 +60,11 @@ struct Check<'a> {
 ///
 /// # Errors
 /// If something doesn't fit, with its name and line.
-pub fn check(structure: &Structure, descriptions: &[&ModelDescription], circles: Circles) -> Result<Wiring, Error> {
+pub fn check(
+    structure: &Structure,
+    descriptions: &[&ModelDescription],
+    treatment: AlgebraicLoops,
+) -> Result<Wiring, Error> {
     let check = Check { structure, descriptions };
     check.connectors()?;
     let (links, doubts) = check.links()?;
@@ -69,9 +73,9 @@ pub fn check(structure: &Structure, descriptions: &[&ModelDescription], circles:
     let mut notes = structure.notes.clone();
     notes.extend(check.notes(&links));
     notes.extend(doubts);
-    let circle = check.circle(&links, circles)?;
-    let circular = circle.is_some();
-    notes.extend(circle);
+    let note = check.loop_note(&links, treatment)?;
+    let circular = note.is_some();
+    notes.extend(note);
     Ok(Wiring { values, links, notes, circular })
 }
 
@@ -177,44 +181,44 @@ impl<'a> Check<'a> {
     }
 
     /// A note on an algebraic loop that is accepted, if there is one.
-    fn circle(&self, links: &[Link], circles: Circles) -> Result<Option<String>, Error> {
+    fn loop_note(&self, links: &[Link], treatment: AlgebraicLoops) -> Result<Option<String>, Error> {
         let feedthrough = Feedthrough::new(links, self.descriptions);
-        if circles == Circles::Refused {
-            let found = feedthrough.possible_circle();
-            return found.map_or(Ok(None), |circle| Err(self.algebraic_loop(&circle, "")));
+        if treatment == AlgebraicLoops::Refused {
+            let found = feedthrough.possible_loop();
+            return found.map_or(Ok(None), |path| Err(self.algebraic_loop(&path, "")));
         }
-        if let Some(circle) = feedthrough.declared_circle() {
+        if let Some(path) = feedthrough.declared_loop() {
             if !self.structure.accepts_algebraic_loops {
                 let advice = ". Use --accept-algebraic-loops to run it with outputs of the previous exchange, one exchange \
                     late";
-                return Err(self.algebraic_loop(&circle, advice));
+                return Err(self.algebraic_loop(&path, advice));
             }
-            let circle = self.signals(&circle);
-            return Ok(Some(format!("algebraic loop, accepted: {circle}. Its values are one exchange late")));
+            let path = self.signals(&path);
+            return Ok(Some(format!("algebraic loop, accepted: {path}. Its values are one exchange late")));
         }
-        Ok(feedthrough.possible_circle().map(|circle| {
+        Ok(feedthrough.possible_loop().map(|path| {
             let undeclared: BTreeSet<usize> =
                 feedthrough.undeclared().into_iter().map(|link| links[link].to.0).collect();
             let names: Vec<_> =
                 undeclared.iter().map(|&unit| format!("`{}`", self.structure.components[unit].name)).collect();
             let (names, verb) = (names.join(", "), if names.len() == 1 { "does" } else { "do" });
-            let circle = self.signals(&circle);
+            let path = self.signals(&path);
             format!(
-                "{names} {verb} not declare which outputs depend directly on which inputs, so {circle} may be an \
+                "{names} {verb} not declare which outputs depend directly on which inputs, so {path} may be an \
                  algebraic loop. Each component uses the outputs of the previous exchange"
             )
         }))
     }
 
-    fn algebraic_loop(&self, circle: &[usize], advice: &str) -> Error {
-        let line = circle.iter().map(|&link| self.structure.connections[link].line).min().unwrap_or_default();
-        let signals = self.signals(circle);
+    fn algebraic_loop(&self, path: &[usize], advice: &str) -> Error {
+        let line = path.iter().map(|&link| self.structure.connections[link].line).min().unwrap_or_default();
+        let signals = self.signals(path);
         self.structure.refuse(line, &format!("algebraic loop, in which no component has a delay: {signals}{advice}"))
     }
 
     /// The signals of an algebraic loop, from one to the next.
-    fn signals(&self, circle: &[usize]) -> String {
-        let connections = circle.iter().map(|&link| &self.structure.connections[link]);
+    fn signals(&self, path: &[usize]) -> String {
+        let connections = path.iter().map(|&link| &self.structure.connections[link]);
         let mut signals: Vec<_> =
             connections.flat_map(|connection| [name(&connection.from), name(&connection.to)]).collect();
         signals.extend(signals.first().cloned());

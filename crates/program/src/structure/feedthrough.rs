@@ -38,19 +38,19 @@ impl Feedthrough {
     }
 
     /// The links of an algebraic loop in which every component declares the dependence, in order, if there is one.
-    pub fn declared_circle(&self) -> Option<Vec<usize>> {
-        circle(&self.declared)
+    pub fn declared_loop(&self) -> Option<Vec<usize>> {
+        algebraic_loop(&self.declared)
     }
 
     /// The links of a possible algebraic loop, in order, if there is one.
-    pub fn possible_circle(&self) -> Option<Vec<usize>> {
-        circle(&self.followers())
+    pub fn possible_loop(&self) -> Option<Vec<usize>> {
+        algebraic_loop(&self.followers())
     }
 
     /// The links into components that may close an algebraic loop, since they declare nothing.
     pub fn undeclared(&self) -> Vec<usize> {
-        let circles = circles(&self.followers());
-        let closes = |k: &usize| self.possible[*k].iter().any(|&next| circles[next] == circles[*k]);
+        let components = strong_components(&self.followers());
+        let closes = |k: &usize| self.possible[*k].iter().any(|&next| components[next] == components[*k]);
         (0..self.possible.len()).filter(closes).collect()
     }
 
@@ -61,13 +61,13 @@ impl Feedthrough {
 }
 
 /// The links of one loop, in order, if there is one.
-fn circle(next: &[Vec<usize>]) -> Option<Vec<usize>> {
+fn algebraic_loop(next: &[Vec<usize>]) -> Option<Vec<usize>> {
     let mut visited = vec![false; next.len()];
-    (0..next.len()).find_map(|start| circle_from(start, next, &mut visited))
+    (0..next.len()).find_map(|start| loop_from(start, next, &mut visited))
 }
 
 /// Depth first; the path has the links that were entered and not yet left.
-fn circle_from(start: usize, next: &[Vec<usize>], visited: &mut [bool]) -> Option<Vec<usize>> {
+fn loop_from(start: usize, next: &[Vec<usize>], visited: &mut [bool]) -> Option<Vec<usize>> {
     if std::mem::replace(&mut visited[start], true) {
         return None;
     }
@@ -89,7 +89,7 @@ fn circle_from(start: usize, next: &[Vec<usize>], visited: &mut [bool]) -> Optio
 }
 
 /// Numbers of the links, equal for those that reach each other (Kosaraju).
-fn circles(next: &[Vec<usize>]) -> Vec<usize> {
+fn strong_components(next: &[Vec<usize>]) -> Vec<usize> {
     let mut before = vec![Vec::new(); next.len()];
     next.iter().enumerate().for_each(|(k, next)| next.iter().for_each(|&other| before[other].push(k)));
     let (mut left, mut visited) = (Vec::new(), vec![false; next.len()]);
@@ -135,26 +135,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn links_are_of_one_circle_where_each_reaches_the_other() {
+    fn links_are_of_one_component_where_each_reaches_the_other() {
         // 0 → 1 → 2 → 0, from there to 3, which leads into 4 ⇄ 5; 6 follows itself.
         let next = [vec![1], vec![2], vec![0, 3], vec![4], vec![5], vec![4], vec![6]].to_vec();
-        let found = circles(&next);
+        let found = strong_components(&next);
         let together = |a: usize, b: usize| found[a] == found[b];
         assert!(together(0, 1) && together(1, 2) && together(4, 5));
         assert!(!together(2, 3) && !together(3, 4) && !together(5, 6) && !together(0, 4));
-        let path = circle(&next[3..].iter().map(|_| vec![]).collect::<Vec<_>>());
-        assert_eq!((path, circle(&next).map(|path| path.len())), (None, Some(3)));
+        let path = algebraic_loop(&next[3..].iter().map(|_| vec![]).collect::<Vec<_>>());
+        assert_eq!((path, algebraic_loop(&next).map(|path| path.len())), (None, Some(3)));
     }
 
     #[test]
-    fn a_unit_between_two_circles_closes_none() {
+    fn a_unit_between_two_algebraic_loops_closes_none() {
         let (declared, possible) =
             (vec![vec![1], vec![0], vec![], vec![4], vec![3]], vec![vec![2], vec![], vec![3], vec![], vec![]]);
         let links = Feedthrough { declared, possible };
         assert_eq!(links.undeclared(), Vec::<usize>::new());
         let links = Feedthrough { declared: vec![vec![1], vec![]], possible: vec![vec![], vec![0]] };
         assert_eq!(
-            (links.undeclared(), links.declared_circle(), links.possible_circle()),
+            (links.undeclared(), links.declared_loop(), links.possible_loop()),
             (vec![1], None, Some(vec![0, 1]))
         );
     }

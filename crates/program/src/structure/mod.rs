@@ -9,7 +9,7 @@ mod settings;
 mod ssp;
 mod whole;
 
-pub use check::{Circles, Wiring, check, start_values};
+pub use check::{AlgebraicLoops, Wiring, check, start_values};
 pub use draft::{Checked, Draft, DraftUnit, Found, Wishes};
 pub use feedthrough::Link;
 pub use package::{pack, packed};

@@ -14,7 +14,7 @@ use crate::exporter::{packed_entries, read_entry};
 use crate::fmu::{Value, is_designed};
 use crate::model_description::{ModelDescription, Variable, attribute, child, elements};
 use crate::output;
-use crate::structure::{Circles, Wiring, check};
+use crate::structure::{AlgebraicLoops, Wiring, check};
 
 /// Namespaces of the annotations below. They are declared in the root, since other masters compare prefixes
 /// literally and some take an attribute for an element.
@@ -54,7 +54,7 @@ pub fn packed(
     descriptions: &[ModelDescription],
     archives: &[(String, Vec<u8>)],
 ) -> Result<(Vec<u8>, Vec<String>), Error> {
-    let wiring = check(structure, &descriptions.iter().collect::<Vec<_>>(), Circles::Exchanged)?;
+    let wiring = check(structure, &descriptions.iter().collect::<Vec<_>>(), AlgebraicLoops::Exchanged)?;
     let choices = choices(structure, descriptions, &wiring);
     let given = given(structure, descriptions);
     let mut warnings = wiring.notes;

@@ -6,7 +6,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use super::check;
-use super::check::{Circles, start_values};
+use super::check::{AlgebraicLoops, start_values};
 use super::ssp::{Component, StartValue, Structure, UnitFile};
 use crate::error::{Error, Invalid};
 use crate::exporter::{Library, Source, describe, name_of_whole};
@@ -87,7 +87,7 @@ impl<'a> Units<'a> {
         let components = structure.components.iter();
         let sources = components.map(|unit| structure.description_of(&unit.fmu)).collect::<Result<Vec<_>, _>>()?;
         let described = sources.iter().map(|source| fmu_description(source, library)).collect::<Result<Vec<_>, _>>()?;
-        let wiring = check(structure, &described.iter().collect::<Vec<_>>(), Circles::Refused)?;
+        let wiring = check(structure, &described.iter().collect::<Vec<_>>(), AlgebraicLoops::Refused)?;
         let mut links = structure.connections.iter().zip(&wiring.links);
         if let Some((connection, _)) = links.find(|(_, link)| link.conversion != Affine::IDENTITY) {
             return Err(structure.refuse(

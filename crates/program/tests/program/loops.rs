@@ -6,7 +6,7 @@ use std::path::Path;
 use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
 use adaptive_fmu::simulation::LoadedLoop;
-use adaptive_fmu::structure::{Circles, check};
+use adaptive_fmu::structure::{AlgebraicLoops, check};
 
 use crate::structures::{
     Folder, UNIT, assert_mentions, binding, connection, connection_with, gain, set, start, wiring,
@@ -26,9 +26,10 @@ fn a_circle_through_a_delay_is_none() {
 
 #[test]
 fn a_declared_algebraic_loop_is_refused_with_the_option_that_accepts_it() {
-    let circle = connection("one.y", "two.u") + &connection("two.y", "one.u");
-    assert_mentions(&Folder::new(&circle).refusal(), &["--accept-algebraic-loops"]);
-    let accepted = |text: &str| Folder::new(&circle).replaced("order=\"jacobi\"", &format!("order='jacobi' {text}"));
+    let algebraic_loop = connection("one.y", "two.u") + &connection("two.y", "one.u");
+    assert_mentions(&Folder::new(&algebraic_loop).refusal(), &["--accept-algebraic-loops"]);
+    let accepted =
+        |text: &str| Folder::new(&algebraic_loop).replaced("order=\"jacobi\"", &format!("order='jacobi' {text}"));
     let wiring = accepted("algebraic-loops='accept'").wiring().unwrap();
     let notes = wiring.notes.join("\n");
     assert!(wiring.circular && notes.contains("accepted: one.y → two.u → two.y → one.u → one.y"), "{notes}");
@@ -46,7 +47,7 @@ fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
     assert!(wiring.circular);
     // A single FMU exchanges nothing.
     let (structure, unit) = (folder.structure().unwrap(), ModelDescription::read(UNIT).unwrap());
-    let refusal = check(&structure, &[&unit, &unit], Circles::Refused).unwrap_err().to_string();
+    let refusal = check(&structure, &[&unit, &unit], AlgebraicLoops::Refused).unwrap_err().to_string();
     assert_mentions(&refusal, &["algebraic loop", "one.alarm → one.enabled → one.alarm"]);
     assert!(!refusal.contains("--accept"), "{refusal}");
     assert!(!Folder::new(&connection("one.alarm", "two.enabled")).wiring().unwrap().circular);

@@ -2,7 +2,7 @@
 
 use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
-use adaptive_fmu::structure::{Circles, Wiring, check};
+use adaptive_fmu::structure::{AlgebraicLoops, Wiring, check};
 
 use crate::structures::{CONNECTORS, Folder, UNIT, assert_mentions, binding, connection, gain, set, start};
 
@@ -26,7 +26,7 @@ fn wired(output: &str, input: &str, definitions: &str) -> Result<Wiring, String>
     let connectors = "<ssd:Connectors><ssd:Connector name='y' kind='output'/><ssd:Connector name='u' kind='input'/></ssd:Connectors>";
     let folder = Folder::new(&text).replaced(CONNECTORS, connectors).replaced(CONNECTORS, connectors);
     let unit = measured(output, input, definitions);
-    check(&folder.structure()?, &[&unit, &unit], Circles::Exchanged).map_err(|error| error.to_string())
+    check(&folder.structure()?, &[&unit, &unit], AlgebraicLoops::Exchanged).map_err(|error| error.to_string())
 }
 
 #[test]
@@ -145,7 +145,7 @@ fn systems_within_hand_values_on_and_give_them_to_their_units() {
     let names: Vec<_> = structure.components.iter().map(|component| component.name.as_str()).collect();
     assert_eq!(names, ["one", "two", "in.three"]);
     let unit = ModelDescription::read(UNIT).unwrap();
-    let wiring = check(&structure, &[&unit, &unit, &unit], Circles::Exchanged).unwrap();
+    let wiring = check(&structure, &[&unit, &unit, &unit], AlgebraicLoops::Exchanged).unwrap();
     let place = |name: &str| unit.place(name).unwrap();
     let mut found: Vec<_> = wiring.links.iter().map(|link| (link.from, link.to, link.conversion.of(1.0))).collect();
     found.sort_by_key(|(from, ..)| *from);

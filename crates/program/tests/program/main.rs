@@ -3,6 +3,6 @@
 mod figures;
 mod loops;
 mod loops_of_others;
+mod modules;
 mod reproduction;
-mod rooms;
 mod structures;

@@ -4,7 +4,7 @@ use std::fs;
 
 use adaptive_fmu::fmu::Value;
 use adaptive_fmu::model_description::ModelDescription;
-use adaptive_fmu::structure::{Circles, LoopFiles, Structure, Wiring, check};
+use adaptive_fmu::structure::{AlgebraicLoops, LoopFiles, Structure, Wiring, check};
 use tempfile::TempDir;
 
 /// A unit with inputs and outputs of all types: y follows u without delay, z and `length` do not.
@@ -107,7 +107,7 @@ impl Folder {
 
 pub fn wiring(structure: &Structure) -> Result<Wiring, String> {
     let description = ModelDescription::read(UNIT).unwrap();
-    check(structure, &[&description, &description], Circles::Exchanged).map_err(|error| error.to_string())
+    check(structure, &[&description, &description], AlgebraicLoops::Exchanged).map_err(|error| error.to_string())
 }
 
 pub fn connection(from: &str, to: &str) -> String {

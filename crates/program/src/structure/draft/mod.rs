@@ -15,7 +15,7 @@ pub use unit::{DraftUnit, Found};
 use wiring::{Input, Wires};
 
 use super::check;
-use super::check::Circles;
+use super::check::AlgebraicLoops;
 use super::ssp::{LoopFiles, Structure};
 use crate::error::Error;
 use crate::model_description::{ModelDescription, Variable};
@@ -143,7 +143,7 @@ impl Draft {
     pub fn check(&self, text: &str, folder: &Path) -> Result<Checked, Error> {
         let structure = Structure::parse(text, &LoopFiles::within(folder))?;
         let descriptions: Vec<&ModelDescription> = self.units.iter().map(|unit| &unit.description).collect();
-        Ok(match check(&structure, &descriptions, Circles::Exchanged) {
+        Ok(match check(&structure, &descriptions, AlgebraicLoops::Exchanged) {
             // `undecided` and `unneeded` list the inputs without a connection.
             Ok(wiring) => {
                 let is_shown = |note: &String| !note.contains(" is not connected and stays at ");

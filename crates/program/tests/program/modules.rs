@@ -1,4 +1,4 @@
-//! No two rooms of the sources know each other, through others neither.
+//! No two modules of the sources depend on each other, directly or through others.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{read_dir, read_to_string};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use common::at_top;
 
-type Rooms = BTreeMap<String, BTreeSet<String>>;
+type Modules = BTreeMap<String, BTreeSet<String>>;
 
 /// The Rust files in a folder, or a file itself.
 fn files(path: &Path) -> Vec<PathBuf> {
@@ -29,8 +29,8 @@ fn known(text: &str) -> BTreeSet<String> {
     names.map(|name| name.trim_start().split(|c| !plain(c)).next().unwrap_or_default().to_owned()).collect()
 }
 
-/// The rooms in some folders, and the names that each knows; what isn't a room is left out.
-fn rooms(folders: &[&str], without: &[&str]) -> Rooms {
+/// The modules in some folders, and the modules that each uses; what isn't a module is left out.
+fn modules(folders: &[&str], without: &[&str]) -> Modules {
     let entries = folders.iter().flat_map(|folder| {
         let path = at_top(folder);
         if *folder == "plants" {
@@ -39,7 +39,7 @@ fn rooms(folders: &[&str], without: &[&str]) -> Rooms {
             read_dir(path).unwrap().map(|entry| entry.unwrap().path()).collect()
         }
     });
-    let mut rooms = Rooms::new();
+    let mut modules = Modules::new();
     for entry in entries {
         let name = entry.file_stem().unwrap().to_str().unwrap().to_owned();
         let of_tests = |file: &PathBuf| file.iter().any(|part| part == "tests" || part == "tests.rs");
@@ -48,51 +48,51 @@ fn rooms(folders: &[&str], without: &[&str]) -> Rooms {
             continue;
         }
         let names = sources.iter().flat_map(|file| {
-            // The parent of a room is the package.
-            let is_room = *file == entry || file.parent() == Some(&entry) && file.ends_with("mod.rs");
+            // The parent of a module is the package.
+            let is_module = *file == entry || file.parent() == Some(&entry) && file.ends_with("mod.rs");
             let text = read_to_string(file).unwrap();
-            known(&if is_room { text.replace("super::", "crate::") } else { text })
+            known(&if is_module { text.replace("super::", "crate::") } else { text })
         });
-        rooms.entry(name).or_default().extend(names);
+        modules.entry(name).or_default().extend(names);
     }
-    rooms.retain(|name, _| !without.contains(&name.as_str()));
-    let names: BTreeSet<_> = rooms.keys().cloned().collect();
-    for (name, known) in &mut rooms {
+    modules.retain(|name, _| !without.contains(&name.as_str()));
+    let names: BTreeSet<_> = modules.keys().cloned().collect();
+    for (name, known) in &mut modules {
         known.retain(|known| known != name && names.contains(known));
     }
-    rooms
+    modules
 }
 
-/// A way from a room back to itself.
-fn circle(rooms: &Rooms) -> Option<Vec<String>> {
-    fn follow(rooms: &Rooms, way: &mut Vec<String>) -> bool {
+/// A cycle of dependences from a module back to itself.
+fn cycle(modules: &Modules) -> Option<Vec<String>> {
+    fn follow(modules: &Modules, way: &mut Vec<String>) -> bool {
         let last = way.last().unwrap().clone();
-        rooms[&last].iter().any(|next| {
+        modules[&last].iter().any(|next| {
             way.push(next.clone());
-            let closed = *next == way[0] || (!way[..way.len() - 1].contains(next) && follow(rooms, way));
+            let closed = *next == way[0] || (!way[..way.len() - 1].contains(next) && follow(modules, way));
             if !closed {
                 way.pop();
             }
             closed
         })
     }
-    rooms.keys().find_map(|name| {
+    modules.keys().find_map(|name| {
         let mut way = vec![name.clone()];
-        follow(rooms, &mut way).then_some(way)
+        follow(modules, &mut way).then_some(way)
     })
 }
 
 #[test]
-fn no_two_rooms_know_each_other() {
-    let framework = rooms(&["crates/framework/src"], &["lib"]);
-    let models = rooms(&["src", "plants"], &["lib"]);
-    let program = rooms(&["crates/program/src"], &["lib"]);
+fn no_two_modules_depend_on_each_other() {
+    let framework = modules(&["crates/framework/src"], &["lib"]);
+    let models = modules(&["src", "plants"], &["lib"]);
+    let program = modules(&["crates/program/src"], &["lib"]);
     assert!(framework.len() > 8 && framework["fmi2"].contains("system"), "{framework:?}");
     assert!(models.len() > 4 && models["plants"].contains("mathematics"), "{models:?}");
     assert!(program.len() > 12 && program["fmu"].contains("exporter"), "{program:?}");
-    assert_eq!([circle(&framework), circle(&models), circle(&program)], [None, None, None]);
+    assert_eq!([cycle(&framework), cycle(&models), cycle(&program)], [None, None, None]);
     let architecture = read_to_string(at_top("ARCHITECTURE.md")).unwrap();
-    for (folder, rooms) in [("crates/framework", framework), ("crates/program", program)] {
+    for (folder, modules) in [("crates/framework", framework), ("crates/program", program)] {
         let table =
             architecture.split(&format!("| module of `{folder}` |")).nth(1).unwrap().split("\n\n").next().unwrap();
         let mut above = BTreeSet::new();
@@ -100,25 +100,25 @@ fn no_two_rooms_know_each_other() {
             let names: Vec<_> = row.split('|').nth(1).unwrap().split('`').skip(1).step_by(2).collect();
             above.extend(names.iter().map(|name| name.trim_end_matches(".rs").to_owned()));
             for (name, known) in
-                rooms.iter().filter(|(name, _)| names.iter().any(|it| it.trim_end_matches(".rs") == *name))
+                modules.iter().filter(|(name, _)| names.iter().any(|it| it.trim_end_matches(".rs") == *name))
             {
                 assert!(known.is_subset(&above), "ARCHITECTURE.md lists {name} above what it uses: {known:?}");
             }
         }
-        assert_eq!(above, rooms.into_keys().collect(), "modules of {folder} in ARCHITECTURE.md");
+        assert_eq!(above, modules.into_keys().collect(), "modules of {folder} in ARCHITECTURE.md");
     }
 }
 
 #[test]
-fn no_two_files_of_these_folders_know_each_other() {
+fn no_two_files_of_these_folders_depend_on_each_other() {
     let program =
         ["structure", "simulation", "figures", "results", "analysis"].map(|name| format!("crates/program/src/{name}"));
     for folder in program.iter().map(String::as_str).chain(["crates/framework/src/fmi2"]) {
-        let files = rooms(&[folder], &["mod"]);
+        let files = modules(&[folder], &["mod"]);
         assert!(files.values().any(|known| !known.is_empty()), "{folder}: {files:?}");
-        assert_eq!(circle(&files), None, "{folder}");
+        assert_eq!(cycle(&files), None, "{folder}");
     }
-    let mut python = Rooms::new();
+    let mut python = Modules::new();
     for file in read_dir(at_top("python/adaptive_fmu")).unwrap().map(|entry| entry.unwrap().path()) {
         let Ok(text) = read_to_string(&file) else { continue };
         let name = |behind: &str| behind.split_whitespace().next().unwrap_or_default().to_owned();
@@ -130,16 +130,16 @@ fn no_two_files_of_these_folders_know_each_other() {
     let names: BTreeSet<_> = python.keys().cloned().collect();
     python.values_mut().for_each(|known| known.retain(|name| names.contains(name)));
     assert!(python["_result"].contains("_errors"), "{python:?}");
-    assert_eq!(circle(&python), None);
+    assert_eq!(cycle(&python), None);
 }
 
 #[test]
-fn a_circle_through_others_is_found() {
+fn a_cycle_through_others_is_found() {
     let set = |names: &[&str]| names.iter().map(ToString::to_string).collect::<BTreeSet<_>>();
-    let mut rooms = Rooms::from([("a".into(), set(&["b"])), ("b".into(), set(&["c"])), ("c".into(), set(&[]))]);
-    assert_eq!(circle(&rooms), None);
-    rooms.insert("c".into(), set(&["b"]));
-    assert_eq!(circle(&rooms).unwrap(), ["b", "c", "b"]);
+    let mut modules = Modules::from([("a".into(), set(&["b"])), ("b".into(), set(&["c"])), ("c".into(), set(&[]))]);
+    assert_eq!(cycle(&modules), None);
+    modules.insert("c".into(), set(&["b"]));
+    assert_eq!(cycle(&modules).unwrap(), ["b", "c", "b"]);
     let text = "use crate::{error, system};\n// crate::no\ncrate::fmi2::x";
     assert_eq!(known(text), set(&["error", "system", "fmi2"]));
 }
