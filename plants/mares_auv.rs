@@ -116,10 +116,10 @@ impl System for MaresAuv {
         let current = attitude.to_body(v.array(self.current));
         let [_, turning] = thirds(&nu);
         // The velocity relative to the water; the water's own changes in body axes as these turn.
-        let beside: [S; 6] = std::array::from_fn(|i| if i < 3 { nu[i] - current[i] } else { nu[i] });
+        let relative: [S; 6] = std::array::from_fn(|i| if i < 3 { nu[i] - current[i] } else { nu[i] });
         let turned = cross(current, turning);
         let acting = [attitude.to_body(force), attitude.body_moments(moment)];
-        let (coriolis, damping) = (self.hull.coriolis(beside, v), self.hull.damping(beside, v));
+        let (coriolis, damping) = (self.hull.coriolis(relative, v), self.hull.damping(relative, v));
         let restoring = self.hull.restoring(&attitude, v);
         let total = std::array::from_fn(|i| acting.as_flattened()[i] - coriolis[i] - damping[i] - restoring[i]);
         let by_forces = times(v.matrix(self.hull.inverse), total);

@@ -18,7 +18,7 @@ use nalgebra::DMatrix;
 use super::angles::Angles;
 use super::at_limit::{Guarantee, REOPENED_OR_AT_LIMIT};
 use super::funnel::{self, Funnel, Inside};
-use super::l1::{Beside, Law, Ports};
+use super::l1::{AddedControl, Law, Ports};
 use super::sampling::Evaluation;
 use crate::catalogue::{Catalogued, Role, Trial};
 use crate::mathematics::limits;
@@ -46,7 +46,7 @@ pub struct L1Ppf {
     barrier_gain: VectorOf<Parameter>,
     funnel: Funnel,
     /// u_ε, the addition to the L1 control.
-    beside: Beside,
+    added: AddedControl,
     stiffness: ScalarOf<Signal>,
     ports: Ports,
     law: Law,
@@ -79,7 +79,7 @@ impl System for L1Ppf {
         let ports = Ports::declare(d, r, &units);
         let gain = "gain of the barrier, in the square of the error's unit per second; 0: only the L1 law";
         let added = vector("u_barrier", m, "contribution of the barrier to the control").units(&units.command);
-        let beside = Beside {
+        let added = AddedControl {
             now: d.local(added.about(&units.of_u, "contribution of the barrier to the {}")),
             at_takeover: d.discrete(vector("#u_barrier, at the start", m, "").hidden()),
         };
@@ -92,10 +92,10 @@ impl System for L1Ppf {
             barrier_gain: d.parameter(vector("barrier_gain", m, gain).start(0.1).min(0.0)),
             guarantee: Guarantee::declare(d, ports.limited, REOPENED_OR_AT_LIMIT),
             funnel: Funnel::declare(d, (errors.0, errors.1), FUNNEL).of_angles(angles),
-            beside,
+            added,
             stiffness: d.local(scalar("barrier_stiffness", rate).unit("1/s")),
             ports,
-            law: Law::with(&structure.of_l1, ports, Some(beside), d)?,
+            law: Law::with(&structure.of_l1, ports, Some(added), d)?,
             inverse,
             evaluation: d
                 .parameter(Evaluation::parameter("when the barrier is evaluated").start(Evaluation::Continuous)),
@@ -132,7 +132,7 @@ impl System for L1Ppf {
         let active = self.law.is_active(&v.values());
         v.when(!active, |v| {
             self.order.follow(&self.law, v);
-            v[self.beside.at_takeover].fill(S::from(0.0));
+            v[self.added.at_takeover].fill(S::from(0.0));
             self.law.take_over(v);
             self.funnel.close(v);
         });
@@ -144,22 +144,22 @@ impl System for L1Ppf {
 
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
         let (active, none) = (self.law.is_active(v), S::from(0.0));
-        y[self.beside.now].fill(none);
+        y[self.added.now].fill(none);
         y[self.stiffness] = none;
         for i in 0..self.barrier_gain.len() {
             let inside = self.inside(i, t, v);
             self.funnel.show(i, &inside, y);
             let asked = S::branch(active, || self.asked(i, &inside, v), || none);
             for (j, of_channel) in self.reached(i) {
-                y[self.beside.now][j] += asked * of_channel;
+                y[self.added.now][j] += asked * of_channel;
             }
             y[self.stiffness] = larger(y[self.stiffness], self.stiffness_of(i, &inside, v));
         }
         if let Some(samples) = &self.samples {
-            for j in 0..self.beside.now.len() {
+            for j in 0..self.added.now.len() {
                 let held = || S::branch(active, || v[samples.held][j], || none);
-                let continuous = y[self.beside.now][j];
-                y[self.beside.now][j] = S::branch(self.is_sampled(v), held, || continuous);
+                let continuous = y[self.added.now][j];
+                y[self.added.now][j] = S::branch(self.is_sampled(v), held, || continuous);
             }
         }
         let goal = self.order.goal(&self.law, self.r, &self.inverse, v, y);
@@ -206,9 +206,9 @@ impl System for L1Ppf {
         let active = self.law.is_active(&v.values());
         let (limit, none) = (S::from(1.0), S::from(0.0));
         // A barrier with nothing to do does no harm.
-        let acts = v[self.beside.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
+        let acts = v[self.added.now].iter().fold(none, |sum, u| sum + u.abs()).above(none);
         let is_stiff = active & acts & (step * v[self.stiffness]).above(limit) & !self.is_sampled(&v.values());
-        self.law.judge_step_beside(is_stiff, |v| self.stiffness_warning(step, v), v);
+        self.law.judge_step_of_added(is_stiff, |v| self.stiffness_warning(step, v), v);
         self.when_sampled(v, |samples, v| self.judge_sampling(samples, step, v));
         v.when(active, |v| self.guarantee.look(t, self.funnel.error(), v));
     }
@@ -252,17 +252,17 @@ impl L1Ppf {
 
     /// Notes the barrier's output when the controller takes over.
     fn note_barrier<S: Scalar>(&self, t: S, v: &mut Point<S>) {
-        v[self.beside.at_takeover].fill(S::from(0.0));
+        v[self.added.at_takeover].fill(S::from(0.0));
         for i in 0..self.barrier_gain.len() {
             let asked = self.asked(i, &self.inside(i, t, &v.values()), &v.values());
             for (j, of_channel) in self.reached(i) {
-                v[self.beside.at_takeover][j] += asked * of_channel;
+                v[self.added.at_takeover][j] += asked * of_channel;
             }
         }
         // A sampled barrier waits for its next sample.
         self.when_sampled(v, |samples, v| {
             v[samples.held].fill(S::from(0.0));
-            v.copy(samples.held, self.beside.at_takeover);
+            v.copy(samples.held, self.added.at_takeover);
         });
     }
 

@@ -231,7 +231,7 @@ impl System for L1Sampled {
                     .about(of_u, "uncertainty in the last interval, as an equivalent {}")
                     .units(u),
             ),
-            sigma_other: (n > m).then(|| d.discrete(beside_controls(n - m, plant.B_um.ncols()))),
+            sigma_other: (n > m).then(|| d.discrete(outside_controls(n - m, plant.B_um.ncols()))),
             x_before: d.discrete(vector("#x before", n, "").hidden()),
             x_ahead: d.discrete(
                 vector("x_ahead", n, "state where the control begins to act, of the nominal plant with the estimates")
@@ -343,7 +343,7 @@ impl System for L1Sampled {
 }
 
 /// σ̂_2 along the columns of B_um, so many of all directions that no control reaches.
-fn beside_controls(all: usize, along: usize) -> Spec<Many> {
+fn outside_controls(all: usize, along: usize) -> Spec<Many> {
     let text = "uncertainty in the last interval that no control reaches";
     let spec = vector("sigma_hat_unmatched", all, text);
     if along == 0 {

@@ -285,10 +285,10 @@ def test_icons_differ(fmu_folder: Path) -> None:
 def leaves(curve: np.ndarray, other: np.ndarray, off: np.ndarray) -> list[int]:
     """The hundredths of a picture in which a curve goes lower or higher than another one does there, and a little beside."""
     ends = np.linspace(0, len(curve), 101).astype(int)
-    beside = len(curve) // 200 + 1
+    near = len(curve) // 200 + 1
     beyond = []
     for k, (a, b) in enumerate(zip(ends, ends[1:])):
-        here, there = curve[a:b], other[max(a - beside, 0) : b + beside]
+        here, there = curve[a:b], other[max(a - near, 0) : b + near]
         if here.min() < there.min() - off[k] or here.max() > there.max() + off[k]:
             beyond.append(k)
     return beyond

@@ -33,7 +33,7 @@ RUN_ELSEWHERE = {
 # A script that needs one of these is skipped where it isn't installed.
 EXTRAS = {"control", "dask", "ecospy", "gymnasium", "matplotlib"}
 # Programs that lie beside the interpreter that runs the tests.
-BESIDE_PYTHON = {"python", "fmpy"}
+PYTHON_PROGRAMS = {"python", "fmpy"}
 # What pages read of the source folder, and of what was built there.
 SHOWN = ["examples", "target"]
 
@@ -103,7 +103,7 @@ def run_command(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
         return cargo(command)
     if program == "adaptive-fmu":
         return run([PROGRAM, *words], folder)
-    if program in BESIDE_PYTHON:
+    if program in PYTHON_PROGRAMS:
         return run([Path(sys.executable).parent / program, *words], folder)
     return run([program, *words], folder)
 

@@ -152,13 +152,13 @@ fn in_water_that_moves_evenly_it_moves_as_in_water_at_rest() {
         let moving = Vehicle::new(&parameters);
         let mut carried = x;
         carried.fixed_rows_mut::<3>(6).copy_from(&(part(&x, 6) + rotation(&x).transpose() * current));
-        let (beside, rate) = (still.rate(&x, &u), moving.rate(&carried, &u));
+        let (at_rest, rate) = (still.rate(&x, &u), moving.rate(&carried, &u));
         let in_earth = |x: &State| rotation(x) * part(x, 6);
-        let (expected, found) = (along(&x, &beside, in_earth), along(&carried, &rate, in_earth));
+        let (expected, found) = (along(&x, &at_rest, in_earth), along(&carried, &rate, in_earth));
         assert!((found - expected).norm() < 1e-7 * (1.0 + rate.norm_squared()), "{found} for {expected}");
-        assert!((part(&rate, 9) - part(&beside, 9)).norm() < 1e-10 * (1.0 + beside.norm()));
-        assert!((part(&rate, 0) - part(&beside, 0) - current).norm() < 1e-12);
-        assert!((part(&rate, 3) - part(&beside, 3)).norm() < 1e-12);
+        assert!((part(&rate, 9) - part(&at_rest, 9)).norm() < 1e-10 * (1.0 + at_rest.norm()));
+        assert!((part(&rate, 0) - part(&at_rest, 0) - current).norm() < 1e-12);
+        assert!((part(&rate, 3) - part(&at_rest, 3)).norm() < 1e-12);
     }
 }
 

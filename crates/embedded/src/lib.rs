@@ -16,7 +16,7 @@ use proc_macro::TokenStream;
 #[proc_macro]
 pub fn library(name: TokenStream) -> TokenStream {
     let name = name.to_string();
-    let found = dependency(&name, env::args()).and_then(|file| beside(&file, &name));
+    let found = dependency(&name, env::args()).and_then(|file| next_to(&file, &name));
     // `include_bytes` also makes cargo rebuild the program when that file changes.
     let code = found.map_or("None".to_owned(), |file| format!("Some(include_bytes!({file:?}))"));
     code.parse().unwrap_or_default()
@@ -37,7 +37,7 @@ fn dependency(name: &str, arguments: impl Iterator<Item = String>) -> Option<Pat
 }
 
 /// Finds the shared library next to the other form of a library.
-fn beside(rlib: &Path, name: &str) -> Option<PathBuf> {
+fn next_to(rlib: &Path, name: &str) -> Option<PathBuf> {
     let hashed = rlib.file_stem()?.to_str()?.strip_prefix("lib")?.to_owned();
     // Of packages that are no workspace's own, cargo gives it the same suffix.
     let names = [name, &hashed];
@@ -72,10 +72,10 @@ mod tests {
         let folder = env::temp_dir().join(format!("embedded-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let rlib = folder.join("libown-12.rlib");
-        assert_eq!(beside(&rlib, "own"), None);
+        assert_eq!(next_to(&rlib, "own"), None);
         for file in ["own-12.dll", "libown.so"] {
             fs::write(folder.join(file), "").unwrap();
-            assert_eq!(beside(&rlib, "own"), Some(folder.join(file)));
+            assert_eq!(next_to(&rlib, "own"), Some(folder.join(file)));
         }
         fs::remove_dir_all(&folder).unwrap();
     }

@@ -131,7 +131,7 @@ impl Files {
             return Err(Error::file(&file)(ErrorKind::AlreadyExists.into()));
         }
         require_plain(&file)?;
-        let writer = BufWriter::new(begun_beside(&folder, name).map_err(Error::file(&file))?);
+        let writer = BufWriter::new(temporary_next_to(&folder, name).map_err(Error::file(&file))?);
         Ok(Part { writer, file, replaces })
     }
 
@@ -251,7 +251,7 @@ fn file_name(file: &Path) -> Result<&OsStr, Error> {
 }
 
 /// An empty file next to the place of another, with its permissions.
-fn begun_beside(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
+fn temporary_next_to(folder: &Path, name: &OsStr) -> io::Result<NamedTempFile> {
     let prefix = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect::<OsString>();
     remove_left_over(folder);
     // Permissions of a private file stay.

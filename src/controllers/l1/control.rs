@@ -19,8 +19,8 @@ impl Law {
         self.filtered(v, y);
         for i in 0..self.u_ad.len() {
             let (u_ad, feedback) = (y[self.u_ad][i], y[self.feedback][i]);
-            let beside = self.beside.map(|beside| y[beside.now][i]);
-            let law = || commanded(u_ad, feedback, beside) * self.design.inertia(i, v);
+            let added = self.added.map(|added| y[added.now][i]);
+            let law = || commanded(u_ad, feedback, added) * self.design.inertia(i, v);
             let wanted = S::branch(active, law, || v[self.in_command.u_manual][i]);
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
             (y[self.ports.unlimited][i], y[self.ports.u][i]) = (wanted, u);
@@ -31,9 +31,9 @@ impl Law {
         for i in 0..self.u_ad.len() {
             let (u_ad, feedback, inertia) = (y[self.u_ad][i], y[self.feedback][i], self.design.inertia(i, v));
             let (wanted, u) = (y[self.ports.unlimited][i], y[self.ports.u][i]);
-            let beside = self.beside.map(|beside| y[beside.now][i]);
+            let added = self.added.map(|added| y[added.now][i]);
             y[self.v][i] = match self.baseline {
-                Baseline::None | Baseline::Inside => beside.map_or(u / inertia, |beside| u / inertia - beside),
+                Baseline::None | Baseline::Inside => added.map_or(u / inertia, |added| u / inertia - added),
                 Baseline::Outside => S::branch(active, || u_ad + (u - wanted) / inertia, || u / inertia + feedback),
             };
         }

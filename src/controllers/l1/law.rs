@@ -23,7 +23,7 @@ use crate::system::{
 
 /// Addition of an FMU to the adaptive control. The predictor knows of it, and the estimates don't see it.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::controllers) struct Beside {
+pub(in crate::controllers) struct AddedControl {
     /// In units of u_ad; 0 while the controller isn't in command.
     pub now: VectorOf<Signal>,
     /// Its value when the controller takes over without a jump, or starts.
@@ -64,7 +64,7 @@ pub(in crate::controllers) struct Law {
     /// State of the filters, channel by channel.
     pub(super) f: VectorOf<State>,
     pub(super) unmatched: Option<Unmatched>,
-    pub(super) beside: Option<Beside>,
+    pub(super) added: Option<AddedControl>,
     pub(super) u_ad: VectorOf<Signal>,
     /// True if u_ad is the state f itself, and has its name.
     u_ad_is_state: bool,
@@ -107,7 +107,7 @@ impl Law {
     pub fn with(
         structure: &L1Structure,
         ports: Ports,
-        beside: Option<Beside>,
+        added: Option<AddedControl>,
         d: &mut Declaration,
     ) -> Result<Self, Invalid> {
         let (plant, filter) = (structure.plant()?, structure.filter()?);
@@ -121,7 +121,7 @@ impl Law {
         let columns = if structure.regressor == Regressor::State { n } else { 1 };
         let theta_hat = "estimate of theta, the uncertainty's dependence on the state";
         let frequency = "frequency at which the estimates oscillate about their values";
-        let design = Design::declare(d, &plant, structure, &units, beside.is_none())?;
+        let design = Design::declare(d, &plant, structure, &units, added.is_none())?;
         let unmatched = Unmatched::declare(d, &plant, &filter)?;
         // Where nothing else makes u_ad, the integrator's state is u_ad itself.
         let is_state = filter.is_integrator()
@@ -190,7 +190,7 @@ impl Law {
             long_step: d.warning("logStepTooLong", "communication step too long for the control"),
             directions: plant.all_directions(),
             unmatched,
-            beside,
+            added,
             plant,
             filter,
         };
@@ -391,8 +391,8 @@ impl Law {
                 let moved = dx[self.x_hat].iter_mut().zip(direction.iter()).filter(|(_, b)| **b != 0.0);
                 moved.for_each(|(rate, &b)| *rate += eta * b);
             }
-            let beside = self.beside.map_or(&[][..], |beside| &v[beside.now]);
-            for (direction, &added) in self.plant.B.column_iter().zip(beside) {
+            let added = self.added.map_or(&[][..], |added| &v[added.now]);
+            for (direction, &added) in self.plant.B.column_iter().zip(added) {
                 let moved = dx[self.x_hat].iter_mut().zip(direction.iter()).filter(|(_, b)| **b != 0.0);
                 moved.for_each(|(rate, &b)| *rate += added * b);
             }

@@ -30,7 +30,7 @@ use crate::system::{
 };
 use crate::template::{Begun, Needs, Request, Sizes, Template};
 pub(super) use design::{Dynamics, SETTLED};
-pub(super) use law::{Beside, Goal, Law};
+pub(super) use law::{AddedControl, Goal, Law};
 pub(super) use ports::Ports;
 pub(super) use report::{controllability, report_delay_margin};
 pub use structure::{Baseline, Commands, DesiredDynamics, InputGain, L1Structure, Regressor};
@@ -182,8 +182,8 @@ pub(super) fn add_product<S: Scalar>(sums: &mut [S], A: DMatrixView<S>, x: impl 
 }
 
 /// u_ad − K_m x, and the addition of an FMU.
-fn commanded<S: Scalar>(u_ad: S, feedback: S, beside: Option<S>) -> S {
-    beside.map_or(u_ad - feedback, |beside| u_ad - feedback + beside)
+fn commanded<S: Scalar>(u_ad: S, feedback: S, added: Option<S>) -> S {
+    added.map_or(u_ad - feedback, |added| u_ad - feedback + added)
 }
 
 pub(super) fn squared<S: Scalar>(x: &[S]) -> S {

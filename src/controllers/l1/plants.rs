@@ -101,7 +101,7 @@ impl Law {
         v: &Values<f64>,
         report: &mut DesignReport,
     ) -> bool {
-        if !self.filter.is_integrator() || self.unmatched.is_some() || self.beside.is_some() {
+        if !self.filter.is_integrator() || self.unmatched.is_some() || self.added.is_some() {
             return false;
         }
         let numbers = Numbers {

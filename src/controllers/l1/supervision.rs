@@ -49,7 +49,7 @@ impl Law {
             let manual = || within(v[self.in_command.u_manual][i], v[self.ports.u_min][i], v[self.ports.u_max][i]);
             let u = by_hand.map_or_else(manual, |torques| torques[i]);
             let u_ad = u / self.design.inertia(i, &values) + feedback;
-            let u_ad = self.beside.map_or(u_ad, |beside| u_ad - v[beside.at_takeover][i]);
+            let u_ad = self.added.map_or(u_ad, |added| u_ad - v[added.at_takeover][i]);
             // Computed from the estimates: at the start there are no signals yet.
             let norm = infinity_norm(self.state(&values));
             let eta_hat = |unmatched: &Unmatched, k: usize| unmatched.estimate(k, norm, &values);
@@ -98,18 +98,18 @@ impl Law {
     }
 
     /// Shows the control with the addition of an FMU, if that has changed after a step.
-    pub fn show_beside<S: Scalar>(&self, v: &mut Point<S>) {
+    pub fn show_with_added<S: Scalar>(&self, v: &mut Point<S>) {
         let active = self.in_command.is_active(&v.values());
         for i in 0..self.u_ad.len() {
-            let beside = self.beside.map(|beside| v[beside.now][i]);
-            let wanted = commanded(v[self.u_ad][i], v[self.feedback][i], beside) * self.design.inertia(i, &v.values());
+            let added = self.added.map(|added| v[added.now][i]);
+            let wanted = commanded(v[self.u_ad][i], v[self.feedback][i], added) * self.design.inertia(i, &v.values());
             let u = within(wanted, v[self.ports.u_min][i], v[self.ports.u_max][i]);
             v[self.ports.u][i] = S::select(active, u, v[self.ports.u][i]);
         }
     }
 
     /// Reports that a communication step was too long for the addition of an FMU to the control, if so.
-    pub fn judge_step_beside<S: Scalar>(
+    pub fn judge_step_of_added<S: Scalar>(
         &self,
         is_too_long: S::Flag,
         text: impl FnOnce(&Values<S>) -> String,

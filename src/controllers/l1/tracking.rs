@@ -43,7 +43,7 @@ impl Law {
         let inertia = self.design.inertia(channel, v);
         // As the control is computed, so that rounding leaves nothing.
         let of_law = v[self.u_ad][channel] - v[self.feedback][channel];
-        let wanted = self.beside.map_or(of_law, |beside| of_law + v[beside.now][channel]) * inertia;
+        let wanted = self.added.map_or(of_law, |added| of_law + v[added.now][channel]) * inertia;
         (v[self.ports.u][channel] - wanted) / inertia
     }
 

@@ -134,8 +134,8 @@ impl L1Ppf {
     ) {
         let first = |v: &mut Point<S>| {
             self.sample(samples, t, v);
-            v.copy(samples.held, self.beside.now);
-            self.law.show_beside(v);
+            v.copy(samples.held, self.added.now);
+            self.law.show_with_added(v);
         };
         samples.sampling.keep_to_communication_points((t, step), first, |_| {}, v);
     }
@@ -144,7 +144,7 @@ impl L1Ppf {
     pub(super) fn judge_sampling<S: Scalar>(&self, samples: &Samples, step: S, v: &mut Point<S>) {
         let Sampling { sample_time, clock } = &samples.sampling;
         let is_overrun = self.law.is_active(&v.values()) & clock.is_overrun(step, &v.values());
-        self.law.judge_step_beside(is_overrun, |v| clock.overrun_warning(step, v, &v.name(*sample_time)), v);
+        self.law.judge_step_of_added(is_overrun, |v| clock.overrun_warning(step, v, &v.name(*sample_time)), v);
     }
 }
 

@@ -335,9 +335,9 @@ impl Mrac {
         self.look(v);
         for i in 0..self.u.len() {
             let by_hand = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
-            let beside = v[self.sigma_hat][i] + self.sampled_law(i, &v.values());
+            let total = v[self.sigma_hat][i] + self.sampled_law(i, &v.values());
             let bound = v[self.design.sigma_bound][i];
-            v[self.sigma_hat][i] = within(beside - by_hand, -bound, bound);
+            v[self.sigma_hat][i] = within(total - by_hand, -bound, bound);
         }
         self.hold(v);
     }

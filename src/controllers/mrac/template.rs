@@ -76,9 +76,9 @@ fn write_bounds(text: &mut Text, design: &Design, spread: &DMatrix<f64>) {
     text.set("omega_min", side(0), "input gain, in parts of B, at least");
     text.set("omega_max", side(1), "and at most");
     if is_full(spread) {
-        let beside = |(i, j): (usize, usize)| if i == j { 0.0 } else { spread[(i, j)] };
+        let coupling = |(i, j): (usize, usize)| if i == j { 0.0 } else { spread[(i, j)] };
         let m = spread.nrows();
-        let most = (0..m * m).map(|k| beside((k % m, k / m))).fold(0.0, f64::max);
+        let most = (0..m * m).map(|k| coupling((k % m, k / m))).fold(0.0, f64::max);
         let least = gains.iter().map(|gain| gain[0]).fold(1.0, f64::min);
         text.set(
             "kappa_coupling",

@@ -130,9 +130,9 @@ fn the_direction_of_roll_and_pitch_stays_and_no_torque_turns_or_grows() {
 /// True if rotors can give this at some thrust that the priority allows: each constraint as it stands, over the thrust.
 fn is_feasible(rotors: &Rotors<f64>, [roll, pitch, yaw]: [f64; 3], range: [f64; 2]) -> bool {
     let [min, max] = rotors.limits;
-    let beside = unlimited(rotors, [0.0, roll, pitch, yaw]);
-    let lowest = beside.iter().map(|force| min - force).fold(range[0], f64::max);
-    let highest = beside.iter().map(|force| max - force).fold(range[1], f64::min);
+    let needed = unlimited(rotors, [0.0, roll, pitch, yaw]);
+    let lowest = needed.iter().map(|force| min - force).fold(range[0], f64::max);
+    let highest = needed.iter().map(|force| max - force).fold(range[1], f64::min);
     lowest <= highest + 1e-12
 }
 
@@ -164,8 +164,8 @@ fn as_much_as_possible_is_given_in_the_order_of_the_priorities() {
                 Thrust => [kept, kept],
             };
             let part = largest(|s| is_feasible(&rotors, [s * p, s * q, 0.0], range));
-            let beside = unlimited(&rotors, [0.0, part * p, part * q, 0.0]);
-            let most = beside.iter().copied().fold(0.0, f64::max);
+            let forces = unlimited(&rotors, [0.0, part * p, part * q, 0.0]);
+            let most = forces.iter().copied().fold(0.0, f64::max);
             let quarter = kept.clamp((min + most).min(range[1]), (max - most).max(range[0]).max(min + most));
             let of_yaw = largest(|s| is_feasible(&rotors, [part * p, part * q, s * r], [quarter, quarter]));
             let expected = [4.0 * quarter, part * p, part * q, of_yaw * r];

@@ -10,7 +10,7 @@ pub const STEP: f64 = 1e-3;
 /// The description of one of this package's loops as a single FMU.
 pub fn whole(name: &str) -> String {
     let structure = LoopFiles::find(name).unwrap().structure().unwrap();
-    composite(&structure, &Library::beside_program().unwrap()).unwrap().0.text
+    composite(&structure, &Library::next_to_program().unwrap()).unwrap().0.text
 }
 
 /// The names of this package's loops.

@@ -36,13 +36,13 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     } else {
         TableOptions::of(&earlier)
     };
-    let beside = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder_of_results = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let repeated = Arguments {
         name: Some(name.clone()),
         again: None,
         all: false,
         variant: None,
-        out: Some(arguments.out.clone().unwrap_or_else(|| beside.to_owned())),
+        out: Some(arguments.out.clone().unwrap_or_else(|| folder_of_results.to_owned())),
         tag: Some(arguments.tag.clone().unwrap_or_else(|| TAG.to_owned())),
         tables,
         options: options(&earlier.provenance.settings).map_err(refuse)?,

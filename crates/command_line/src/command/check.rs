@@ -53,7 +53,7 @@ pub struct Arguments {
 /// Prints the report; the exit code shows whether the design is sound.
 pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let Arguments { name, library, json, .. } = arguments;
-    let library = library.as_deref().map_or_else(Library::beside_program, Library::open)?;
+    let library = library.as_deref().map_or_else(Library::next_to_program, Library::open)?;
     let source = exporter::find_description(name)?;
     let drawn = [("plants", arguments.plants), ("seed", arguments.seed)];
     let source = source.with_nominal(drawn.into_iter().filter_map(|(key, value)| Some((key, i64::from(value?)))))?;

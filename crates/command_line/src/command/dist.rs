@@ -34,7 +34,7 @@ pub struct Arguments {
 /// Writes an archive, or a wheel, for every platform that this program was built for.
 pub fn execute(arguments: &Arguments, command: &clap::Command) -> Result<(), Error> {
     let shell = shell_files(command)?;
-    let library = Library::beside_program()?.with_other_platforms()?;
+    let library = Library::next_to_program()?.with_other_platforms()?;
     library.left_out().iter().for_each(|warning| error_line!("warning: {warning}"));
     let programs = exporter::programs()?;
     let form = if arguments.wheels { distribution::write_wheel } else { distribution::write };

@@ -176,7 +176,7 @@ fn form(arguments: &Arguments, files: &LoopFiles) -> Result<(LoopOptions, Struct
     }
     let as_one = LoopOptions { composite: true, ..options.clone() };
     let whole = as_one.structure(files)?;
-    match composite_of(&whole, &Library::beside_program()?) {
+    match composite_of(&whole, &Library::next_to_program()?) {
         Ok(_) => Ok((as_one, whole, Vec::new())),
         Err(reason) => {
             let note =

@@ -272,11 +272,11 @@ struct FoundIn {
 /// The libraries named, or those built with this program; that of this platform is its own where none is named.
 pub fn chosen(named: &[String]) -> Result<Library, Error> {
     if named.is_empty() {
-        return Library::beside_program()?.with_other_platforms();
+        return Library::next_to_program()?.with_other_platforms();
     }
     let mut others = named.iter().map(|name| Binary::named(name)).collect::<Result<Vec<_>, _>>()?;
     let own = others.iter().position(|binary| binary.platform == Platform::own()).map(|place| others.remove(place));
-    let mut library = own.map_or_else(Library::beside_program, |binary| Library::open(&binary.file))?;
+    let mut library = own.map_or_else(Library::next_to_program, |binary| Library::open(&binary.file))?;
     others.into_iter().try_for_each(|binary| library.add(binary))?;
     Ok(library)
 }

@@ -27,7 +27,7 @@ impl Form {
         }
         let as_one = LoopOptions { composite: true, ..options.clone() };
         let mut whole = as_one.structure(files)?;
-        match composite_of(&whole, &Library::beside_program()?) {
+        match composite_of(&whole, &Library::next_to_program()?) {
             Ok((_, notes)) => {
                 notes.iter().for_each(|note| remark!("{note} (use --separate to run separate FMUs)"));
             }

@@ -34,7 +34,7 @@ pub fn folder(location: Option<&[u8]>) -> Result<PathBuf, String> {
     match location.filter(|location| !location.is_empty()) {
         Some(location) => from_uri(location)
             .map_err(|reason| format!("fmuResourceLocation `{}`: {reason}", String::from_utf8_lossy(location))),
-        None => beside_library().ok_or_else(|| {
+        None => next_to_library().ok_or_else(|| {
             "fmuResourceLocation is NULL, and the library's own path is not known: give the location".to_owned()
         }),
     }
@@ -106,7 +106,7 @@ fn path(bytes: Vec<u8>) -> Result<PathBuf, String> {
 }
 
 /// `…/binaries/linux64/NAME.so` → `…/resources`.
-fn beside_library() -> Option<PathBuf> {
+fn next_to_library() -> Option<PathBuf> {
     let library = own_path()?;
     Some(library.parent()?.parent()?.parent()?.join("resources"))
 }

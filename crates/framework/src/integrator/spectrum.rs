@@ -205,8 +205,8 @@ impl Spectrum {
     /// with a given least size.
     fn block(&mut self, low: usize, end: usize, (least, norm): (f64, f64)) -> usize {
         for k in (low + 1..end).rev() {
-            let beside = (self.at(k, k).abs() + self.at(k - 1, k - 1).abs()).max(least);
-            let size = if beside == 0.0 { norm } else { beside };
+            let neighbours = (self.at(k, k).abs() + self.at(k - 1, k - 1).abs()).max(least);
+            let size = if neighbours == 0.0 { norm } else { neighbours };
             if self.at(k, k - 1).abs() <= f64::EPSILON * size {
                 self.a[k * self.size + k - 1] = 0.0;
                 return k;

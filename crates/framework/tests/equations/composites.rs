@@ -262,7 +262,7 @@ fn changed(old: &str, new: &str) -> Structure {
 
 #[test]
 fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
-    let library = Library::beside_program().unwrap();
+    let library = Library::next_to_program().unwrap();
     let to_plant = r#"startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
     let scaled = to_plant.replace("/>", r#"><ssc:LinearTransformation factor="2"/></ssd:Connection>"#);
     let cases = [
@@ -288,7 +288,7 @@ fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
 
 #[test]
 fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
-    let library = Library::beside_program().unwrap();
+    let library = Library::next_to_program().unwrap();
     let mut structure = changed("", "");
     // An enumeration by the number of its item, as FMI's functions take it.
     for value in ["reference.signal=2", "plant.x0[1]=0.25", "controller.relative_tolerance=1e-9"] {
@@ -310,7 +310,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
 fn an_input_that_nothing_is_connected_to_is_told_and_stays_one() {
     let connection =
         r#"<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
-    let (source, notes) = composite(&changed(connection, ""), &Library::beside_program().unwrap()).unwrap();
+    let (source, notes) = composite(&changed(connection, ""), &Library::next_to_program().unwrap()).unwrap();
     assert!(notes.len() == 1 && notes[0].contains("`plant.u[1]` is not connected"), "{notes:?}");
     let model = Model::from_description(Description::read(&source.text).unwrap(), REGISTRY).unwrap();
     assert_eq!(model.variables().find("plant.u[1]").unwrap().variable.causality, Causality::Input);

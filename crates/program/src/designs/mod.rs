@@ -48,7 +48,7 @@ pub fn files(
     let time = settles.unwrap_or(4.0 / best.bandwidth);
     let surroundings =
         candidate::surroundings(&task.plant, &task.references, best.bandwidth, round_up(LOOP_TIMES[0] * time))?;
-    let written = Written::new(surroundings.clone()).beside(best.texts.iter().cloned());
+    let written = Written::new(surroundings.clone()).with_shared(best.texts.iter().cloned());
     let stop_time = Some(round_up(LOOP_TIMES.iter().sum::<f64>() * time));
     let (_, structure) = written
         .structure(library, Wishes { name: name.to_owned(), step: Some(best.step), stop_time, ..Wishes::default() })?;

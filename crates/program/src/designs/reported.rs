@@ -147,8 +147,8 @@ fn finding_lines(Finding { name, value, unit, verdict, note, .. }: &Finding) -> 
     let line = |(k, line): (usize, &String)| {
         let name = if k == 0 { name.as_str() } else { "" };
         let value = format!("{line} {unit}");
-        let beside = if k == 0 && *verdict == Verdict::Ok { note.as_str() } else { "" };
-        format!("  {name:NAME$} {value:VALUE$} {beside}").trim_end().to_owned()
+        let comment = if k == 0 && *verdict == Verdict::Ok { note.as_str() } else { "" };
+        format!("  {name:NAME$} {value:VALUE$} {comment}").trim_end().to_owned()
     };
     let mut rows: Vec<_> = lines.iter().enumerate().map(line).collect();
     if *verdict != Verdict::Ok {

@@ -18,7 +18,7 @@ impl Written {
 
     /// Adds descriptions from the folder above.
     #[must_use]
-    pub fn beside(self, texts: impl IntoIterator<Item = (String, String)>) -> Self {
+    pub fn with_shared(self, texts: impl IntoIterator<Item = (String, String)>) -> Self {
         self.with("../", texts)
     }
 

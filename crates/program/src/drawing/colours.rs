@@ -4,7 +4,7 @@
 /// Colours of a single curve, of a limit, and of curves for comparison.
 pub const LINE: &str = "rgb(0, 114, 178)";
 pub const LIMIT: &str = "rgb(213, 94, 0)";
-pub const BESIDE: &str = "rgb(60, 60, 60)";
+pub const COMPARED: &str = "rgb(60, 60, 60)";
 /// The colours at the beginning, in the middle and at the end.
 const RAMP: [[f64; 3]; 3] = [[8.0, 48.0, 107.0], [122.0, 132.0, 140.0], [240.0, 173.0, 20.0]];
 /// Lightness of a colour below which text on it is white.

@@ -41,7 +41,7 @@ fn lines(curves: &[Curve]) -> Vec<Line> {
             CurveOf::Marks => COLOURS[0].to_owned(),
             CurveOf::Worst => format!("{colour}{PALE}"),
             CurveOf::WorstMarks => format!("{}{PALE}", COLOURS[0]),
-            CurveOf::Bound => colours::BESIDE.to_owned(),
+            CurveOf::Bound => colours::COMPARED.to_owned(),
         };
         let line = |points: Vec<(f64, Option<f64>)>, marked: bool| Line {
             name: name.clone(),

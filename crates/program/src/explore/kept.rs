@@ -69,7 +69,7 @@ impl Session {
         for (parameter, value) in values {
             structure.set(&format!("{}={}", parameter.name, parameter.text(&value))).map_err(wrong)?;
         }
-        let library = Library::beside_program().and_then(Library::with_other_platforms).map_err(wrong)?;
+        let library = Library::next_to_program().and_then(Library::with_other_platforms).map_err(wrong)?;
         let (exported, left): (Vec<&Component>, Vec<_>) = structure.components.iter().partition(|it| it.is_exported());
         let sources = exported.iter().map(|unit| started(&structure, unit, &library)).collect::<Result<Vec<_>, _>>();
         let sources = sources.map_err(wrong)?;

@@ -81,7 +81,7 @@ fn read(file: &Path) -> Result<Vec<u8>, Error> {
 
 /// Libraries for other platforms, or for older systems of this one, near a program: in the folder of an archive for
 /// users without Rust, or where cargo writes builds for a given target.
-pub(super) fn beside(folder: &Path) -> Vec<Binary> {
+pub(super) fn near(folder: &Path) -> Vec<Binary> {
     let places = library_folders(folder).flat_map(|libraries| folders(&libraries)).chain(of_targets(folder));
     of_names(places, |platform| platform.library_name())
 }

@@ -78,7 +78,7 @@ impl Library {
     ///
     /// # Errors
     /// When there is none.
-    pub fn beside_program() -> Result<Self, Error> {
+    pub fn next_to_program() -> Result<Self, Error> {
         #[cfg(target_family = "wasm")]
         return Ok(Self::linked());
         #[cfg(not(target_family = "wasm"))]
@@ -141,7 +141,7 @@ impl Library {
     /// # Errors
     /// When the program's place isn't known.
     pub fn with_other_platforms(mut self) -> Result<Self, Error> {
-        for binary in binaries::beside(&program_folder()?) {
+        for binary in binaries::near(&program_folder()?) {
             let taken = self.binaries.take(binary);
             self.left_out.extend(taken.err().map(|error| format!("left out: {error}")));
         }

@@ -28,7 +28,7 @@ impl Ready {
     /// If there is none, or a temporary folder can't be made.
     pub fn new() -> Result<Self, Error> {
         Ok(Ready {
-            library: Library::beside_program()?,
+            library: Library::next_to_program()?,
             #[cfg(not(target_family = "wasm"))]
             folder: Scratch::new()?,
             kept: Mutex::default(),

@@ -19,7 +19,7 @@ fn line(name: &str, points: Vec<(f64, Option<f64>)>) -> Line {
 }
 
 fn dashed(name: &str, points: Vec<(f64, Option<f64>)>) -> Line {
-    Line { colour: colours::BESIDE.to_owned(), dashed: true, ..line(name, points) }
+    Line { colour: colours::COMPARED.to_owned(), dashed: true, ..line(name, points) }
 }
 
 /// A chart with its words.

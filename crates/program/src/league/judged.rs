@@ -172,7 +172,7 @@ impl Outcome {
     }
 
     /// The same, compared with a nominal run: a control that chatters counts as a failure too.
-    pub fn holds_beside(&self, nominal: &Outcome) -> bool {
+    pub fn passes_compared_with(&self, nominal: &Outcome) -> bool {
         let (times, part) = LIVELIER;
         let calm = |k: usize| self.variation[k] <= times * nominal.variation[k] + part * nominal.peak[k];
         self.holds() && (0..self.variation.len()).all(calm)

@@ -35,7 +35,7 @@ fn sentences(study: &Study, records: &[Record], own: &[&Record]) -> Vec<String> 
     let mut lines = vec![conditions(own)];
     lines.extend(ranks(study, records, own));
     for name in ["median", "variation", "dead_time", "step", "instructions"] {
-        lines.extend(Quantity::named(name).ok().and_then(|quantity| beside_best(study, records, own, quantity)));
+        lines.extend(Quantity::named(name).ok().and_then(|quantity| relative_to_best(study, records, own, quantity)));
     }
     lines
 }
@@ -101,7 +101,7 @@ fn ranks(study: &Study, records: &[Record], own: &[&Record]) -> Option<String> {
 }
 
 /// A quantity relative to the best of each plant.
-fn beside_best(study: &Study, records: &[Record], own: &[&Record], quantity: Quantity) -> Option<String> {
+fn relative_to_best(study: &Study, records: &[Record], own: &[&Record], quantity: Quantity) -> Option<String> {
     let mut ratios = Vec::new();
     for record in own {
         let plant = study.plant.iter().find(|plant| plant.name == record.plant)?;

@@ -92,7 +92,7 @@ impl Pair<'_> {
         is_interrupted: &(dyn Fn() -> bool + Sync),
     ) -> Result<Margin, String> {
         let bears = |value: f64| -> Result<bool, String> {
-            let holds = |outcome: &Outcome| outcome.holds_beside(nominal);
+            let holds = |outcome: &Outcome| outcome.passes_compared_with(nominal);
             let (deviation, form, step) = match kind {
                 Kind::Step => (Deviation::default(), Form::Separate, value),
                 Kind::DeadTime => (self.disturbed(kind, value)?, Form::Delayed, self.plant.step),

@@ -283,8 +283,8 @@ fn wired(plant: &Plant, entry: &Entry, folder: &Path) -> Result<Structure, Error
     let mut found = Found::new(folder);
     let units =
         [("reference", &plant.reference), (PLANT, &plant.unit), (CONTROLLER, &entry.unit)].map(|(name, unit)| {
-            let beside = folder.join(unit);
-            let file = if beside.is_file() { beside.display().to_string() } else { unit.clone() };
+            let sibling = folder.join(unit);
+            let file = if sibling.is_file() { sibling.display().to_string() } else { unit.clone() };
             found.unit(&format!("{name}={file}"))
         });
     let units = units.into_iter().collect::<Result<Vec<_>, _>>()?;

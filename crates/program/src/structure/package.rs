@@ -64,8 +64,8 @@ pub fn packed(
     let text = with_sources(&settable(&files.structure_text()?, &file, &choices, &given)?, &file, structure)?;
     let text = for_other_masters(&text, &file, structure)?;
     let mut entries = vec![(STRUCTURE.to_owned(), text.into_bytes())];
-    let beside = files.parameter_files();
-    for name in beside.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
+    let in_folder = files.parameter_files();
+    for name in in_folder.iter().chain(&structure.parameter_files).collect::<BTreeSet<_>>() {
         let text = settable(&files.read(name)?, &files.path(name), &choices, &given)?;
         entries.push((name.clone(), text.into_bytes()));
     }

@@ -88,8 +88,8 @@ impl Summary<'_> {
                 dashed,
             };
             let lines = vec![
-                line("lower bound", colours::BESIDE, true, &|bin| lower(bin.failures, bin.runs, ERROR)),
-                line("upper bound", colours::BESIDE, true, &|bin| upper(bin.failures, bin.runs, ERROR)),
+                line("lower bound", colours::COMPARED, true, &|bin| lower(bin.failures, bin.runs, ERROR)),
+                line("upper bound", colours::COMPARED, true, &|bin| upper(bin.failures, bin.runs, ERROR)),
                 line("failing runs", colours::LINE, false, &|bin| bin.failures as f64 / bin.runs as f64),
             ];
             let (x, logarithmic) = (self.study.with_unit(name), self.study.are_logarithmic()[place]);
@@ -134,7 +134,7 @@ impl Summary<'_> {
             ];
             for (limit, _) in limits.of.iter().zip(&limits.places).filter(|(_, of)| **of == place) {
                 let points = vec![(limit.value, Some(0.0)), (limit.value, Some(most as f64))];
-                let (name, colour) = (limit.to_string(), colours::BESIDE.to_owned());
+                let (name, colour) = (limit.to_string(), colours::COMPARED.to_owned());
                 lines.push(Line { name, colour, points, marked: false, dashed: true });
             }
             let label = &self.study.labels()[place];
@@ -179,7 +179,7 @@ impl Summary<'_> {
                 .collect();
             lines.extend(as_it_is.as_ref().map(|recording| Line {
                 name: "as it is".to_owned(),
-                colour: colours::BESIDE.to_owned(),
+                colour: colours::COMPARED.to_owned(),
                 points: points(recording),
                 marked: false,
                 dashed: true,

@@ -32,7 +32,7 @@ pub(super) fn split(law: &Law) -> (Vec<Constant>, [Recording; 2]) {
     let nodes: Vec<Node> = found.iter().map(|(node, _)| *node).collect();
     let [mut before, mut rates] = [evaluate.clone(), evaluate.clone()];
     rates.tape = rates.tape.with_given(&nodes);
-    let mut names = Names::beside(&PARAMETERS);
+    let mut names = Names::other_than(&PARAMETERS);
     let signals = law.variables().reals(Section::Signal);
     let of_signals: Vec<(Node, &String)> =
         signals.map(|place| (evaluate.reals[place], &law.real_names[place])).collect();

@@ -114,7 +114,7 @@ pub(super) fn function(
     written: &[Written],
     refusals: &[(Node, String)],
 ) -> String {
-    let mut names = Names::beside(&PARAMETERS);
+    let mut names = Names::other_than(&PARAMETERS);
     let mut function = Function::new(&mut names, "bool");
     let conditions = refusals.iter().map(|(node, _)| *node);
     let wanted: Vec<Node> = written.iter().map(|one| one.node).chain(conditions).collect();

@@ -27,7 +27,7 @@ pub(super) fn flags(law: &Law) -> Vec<(String, usize, String)> {
     // Macros of the header begin with the name, too.
     let own = STATUS.iter().map(|(name, ..)| name.to_ascii_lowercase());
     let own: Vec<String> = own.chain(["period", "substeps", "least_substeps"].map(str::to_owned)).collect();
-    let mut names = Names::beside(&own.iter().map(String::as_str).collect::<Vec<_>>());
+    let mut names = Names::other_than(&own.iter().map(String::as_str).collect::<Vec<_>>());
     let named = |(k, flag): (usize, crate::system::Element<'_>)| {
         let name = names.of(&flag.name().to_ascii_lowercase()).to_ascii_uppercase();
         (name, FIRST_FLAG + k, format!("{}: {}", flag.name(), flag.description()))

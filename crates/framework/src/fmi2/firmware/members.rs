@@ -40,7 +40,7 @@ impl Members {
     /// The struct of these elements.
     pub fn of(kind: String, what: &'static str, elements: &[Element], variables: &Variables) -> Self {
         let mut members = Members { kind, what, list: Vec::new(), reals: HashMap::new(), integers: HashMap::new() };
-        let mut names = Names::beside(&["int32_t", "uint32_t", "uint64_t"]);
+        let mut names = Names::other_than(&["int32_t", "uint32_t", "uint64_t"]);
         let mut of_variable: Vec<(&Variable, Vec<Element>)> = Vec::new();
         for element in elements {
             match of_variable.iter_mut().find(|(variable, _)| std::ptr::eq(*variable, element.variable)) {

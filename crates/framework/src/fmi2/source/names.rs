@@ -26,7 +26,7 @@ pub struct Names {
 
 impl Names {
     /// Names that differ from these words.
-    pub fn beside(words: &[&str]) -> Self {
+    pub fn other_than(words: &[&str]) -> Self {
         Names { taken: words.iter().map(|word| (*word).to_owned()).collect() }
     }
 

@@ -184,14 +184,14 @@ impl SweepPage<'_> {
                 marked: false,
                 dashed: false,
             };
-            let beside = same.iter().map(|&place| Line {
+            let common = same.iter().map(|&place| Line {
                 name: signals[place].to_owned(),
-                colour: colours::BESIDE.to_owned(),
+                colour: colours::COMPARED.to_owned(),
                 points: drawn[0].1.curves[place].clone(),
                 marked: false,
                 dashed: true,
             });
-            let lines = drawn.iter().map(line).chain(beside).collect();
+            let lines = drawn.iter().map(line).chain(common).collect();
             let unit = self.sweep.unit(signals[place]);
             let (x, y) = (time_label(), value_label(&plot.title, &BTreeSet::from([unit.as_str()]), false));
             let chart = Chart { title: signals[place], x: &x, y: &y, logarithmic: false, lines };

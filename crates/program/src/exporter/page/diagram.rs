@@ -14,7 +14,7 @@ const CHARACTER: usize = 7;
 const LINE: usize = 14;
 /// Characters in a line of a block, and next to it.
 const INSIDE: usize = 31;
-const BESIDE: usize = 17;
+const OUTSIDE: usize = 17;
 /// Distance between wires that go past blocks.
 const LANE: usize = 14;
 
@@ -178,9 +178,9 @@ impl<'a> Diagram<'a> {
         let (left, right) = (side(Way::Left), side(Way::Right));
         let mut y = 10;
         for k in 0..self.blocks.len() {
-            let beside = |way| self.wires.iter().map(|wire| wire.room(k, way)).sum::<usize>();
+            let at_side = |way| self.wires.iter().map(|wire| wire.room(k, way)).sum::<usize>();
             let own = 14 + LINE * self.blocks[k].lines.len();
-            let height = own.max(10 + beside(Way::Left)).max(10 + beside(Way::Right));
+            let height = own.max(10 + at_side(Way::Left)).max(10 + at_side(Way::Right));
             (self.blocks[k].top, self.blocks[k].height) = (y, height);
             let down = self.wires.iter().find(|wire| wire.way == Way::Down && wire.from == k);
             y += height + down.map_or(18, |wire| (LINE * wire.labels.len() + 18).max(34));
@@ -299,7 +299,7 @@ impl<'a> Wire<'a> {
             _ => Way::Left,
         };
         let names = ranges(link.pairs.iter().map(|(from, _)| from.as_str()));
-        let labels = lines(&names, if way == Way::Down { INSIDE / 2 } else { BESIDE });
+        let labels = lines(&names, if way == Way::Down { INSIDE / 2 } else { OUTSIDE });
         Wire { link, from, to, way, lane: 0, labels }
     }
 

@@ -16,13 +16,13 @@ struct Sheet {
     height: f64,
     font: f64,
     /// The part of the width that a legend next to the axes may take; a wider one goes below.
-    beside: f64,
+    legend_share: f64,
 }
 
 /// A file of its own.
-const FILE: Sheet = Sheet { width: 1000.0, height: 230.0, font: 13.0, beside: 0.34 };
+const FILE: Sheet = Sheet { width: 1000.0, height: 230.0, font: 13.0, legend_share: 0.34 };
 /// A figure among others, on a page.
-const FIGURE: Sheet = Sheet { width: 640.0, height: 270.0, font: 15.0, beside: 0.28 };
+const FIGURE: Sheet = Sheet { width: 640.0, height: 270.0, font: 15.0, legend_share: 0.28 };
 /// Mean width of a letter, in parts of its height, and the height of a line of text.
 const LETTER: f64 = 0.56;
 const LINE: f64 = 1.5;
@@ -103,17 +103,17 @@ struct Edges {
     left: f64,
     right: f64,
     /// True if legends are next to the axes.
-    beside: bool,
+    legend_at_side: bool,
 }
 
 impl Edges {
     fn of(sheet: &Sheet, diagrams: &[Diagram]) -> Self {
         let width = diagrams.iter().map(|diagram| legend_width(sheet.font, &names(diagram))).fold(0.0, f64::max);
-        let beside = width <= sheet.beside * sheet.width;
+        let legend_at_side = width <= sheet.legend_share * sheet.width;
         let first = |diagram: &Diagram| diagram.parts().first().map(|&(from, to)| diagram.axis(from, to));
         let numbers = diagrams.iter().filter_map(first).map(|axis| numbers_width(sheet, &axis)).fold(0.0, f64::max);
-        let right = if beside { sheet.width - width } else { sheet.width } - MARGIN;
-        Edges { left: MARGIN + 1.3 * sheet.font + numbers, right, beside }
+        let right = if legend_at_side { sheet.width - width } else { sheet.width } - MARGIN;
+        Edges { left: MARGIN + 1.3 * sheet.font + numbers, right, legend_at_side }
     }
 }
 
@@ -140,7 +140,7 @@ fn drawn(out: &mut String, sheet: &Sheet, edges: Edges, diagram: &Diagram, top: 
     }
     panels(out, sheet, edges, diagram, axes);
     let (names, bottom) = (names(diagram), axes + sheet.height + 3.0 * sheet.font);
-    if edges.beside {
+    if edges.legend_at_side {
         let left = edges.right + MARGIN;
         legend(out, sheet.font, &names, (left, axes + line), left + 1.0);
         return bottom.max(axes + names.len() as f64 * line) - top;

@@ -89,7 +89,7 @@ impl<'a> Found<'a> {
     fn of_description(&mut self, source: &Source, place: String) -> Result<DraftUnit, Error> {
         let library = match self.library.take() {
             Some(library) => library,
-            None => Library::beside_program()?,
+            None => Library::next_to_program()?,
         };
         DraftUnit::of_description(source, place, self.library.insert(library))
     }
@@ -115,10 +115,10 @@ fn source_of(file: &Path, folder: &Path) -> Result<String, Error> {
     // A link is named as it is, since its target may have another name.
     let place = whole(&plain(file.parent().unwrap_or(Path::new(""))))?.join(file.file_name().unwrap_or_default());
     let folder = whole(folder)?;
-    let beside = folder.parent().filter(|parent| parent.parent().is_some());
-    let source = match (place.strip_prefix(&folder), beside.map(|beside| place.strip_prefix(beside))) {
+    let above = folder.parent().filter(|parent| parent.parent().is_some());
+    let source = match (place.strip_prefix(&folder), above.map(|above| place.strip_prefix(above))) {
         (Ok(below), _) => coded(below).map(|path| path.trim_start_matches('/').to_owned()),
-        (_, Some(Ok(beside))) => coded(beside).map(|path| format!("../{}", path.trim_start_matches('/'))),
+        (_, Some(Ok(above))) => coded(above).map(|path| format!("../{}", path.trim_start_matches('/'))),
         _ => coded(&place).map(|path| format!("file://{path}")),
     };
     let refuse = || Error::Argument(Invalid::new("--units", file.display(), "its path must be UTF-8"));

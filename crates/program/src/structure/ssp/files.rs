@@ -207,9 +207,9 @@ impl LoopFiles {
     /// # Errors
     /// If it can't be read.
     pub fn case(&self, case: &Path) -> Result<(String, PathBuf), Error> {
-        let beside =
+        let sibling =
             case.to_str().filter(|name| !case.is_file() && self.parameter_files().contains(&(*name).to_owned()));
-        match beside {
+        match sibling {
             Some(name) => Ok((self.read(name)?, self.path(name))),
             None => match text_file::read(case) {
                 Err(error) if error.kind() == ErrorKind::NotFound => {
