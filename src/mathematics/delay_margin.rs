@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn an_integrating_loop_bears_a_quarter_of_a_turn() {
+    fn an_integrating_loop_tolerates_a_quarter_of_a_turn() {
         // K/s: crosses at K with 90° to spare.
         let plain = NominalLoop {
             A: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -1.0, -1.4]),

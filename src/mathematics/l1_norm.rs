@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn a_report_shows_both_bounds_or_says_that_there_are_none() {
+    fn a_report_shows_both_bounds_or_states_that_there_are_none() {
         assert_eq!(Value::from(Bounds { lower: 0.1, upper: 0.2 }), Value::Between { lower: 0.1, upper: 0.2 });
         assert_eq!(Value::from(Bounds::INFINITE).lines(), ["infinite"]);
         assert_eq!(Value::from(Bounds { lower: f64::NAN, upper: 1.0 }).lines(), ["not a number"]);

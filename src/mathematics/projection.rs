@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_of_any_size_are_kept() {
+    fn bounds_of_any_size_are_respected() {
         for largest in [1e-200, 1.0, 1e200] {
             assert!(projection(0.0_f64, -1.0, 0.0, largest, 0.1).abs() < 1e-12, "0 … {largest}");
             assert!(is_in_layer(0.0, 0.0, largest, 0.1) && !is_in_layer(0.4 * largest, 0.0, largest, 0.1));

@@ -144,7 +144,7 @@ def test_a_law_behind_a_mixer_is_that_of_equations_that_are_typed_without_it(law
 
 
 @pytest.mark.parametrize("law", ["pid", "ladrc"])
-def test_the_input_is_there_where_the_description_says_so(law: str, tmp_path: Path) -> None:
+def test_the_input_is_there_where_the_description_asks_for_it(law: str, tmp_path: Path) -> None:
     order = "order = 2\n" if law == "ladrc" else ""
     file = tmp_path / "One.toml"
     text = f'name = "One"\nmodel = "{law}"\ndescription = "One"\n[structure]\nchannels = 1\n{order}'

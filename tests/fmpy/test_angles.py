@@ -138,7 +138,7 @@ def pid_rates(y: np.ndarray, v: tuple[float, float], c: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("c", [0.0, 1.0])
-def test_a_pid_controller_answers_angles_as_its_equations_say(tmp_path, c: float) -> None:
+def test_a_pid_controller_answers_angles_by_its_equations(tmp_path, c: float) -> None:
     text = 'name = "Turn"\nmodel = "pid"\ndescription = "An angle"\n\n[structure]\nchannels = 1\nangles = [1]\nunits = { y = ["rad"] }\n\n'
     gains = f"[start]\nK_p = [64.0]\nK_i = [1.0]\nK_d = [15.0]\nN = [100.0]\nc = [{c}]\nrelative_tolerance = 1e-10\n"
     (tmp_path / "turn.toml").write_text(text + gains)

@@ -85,7 +85,7 @@ def test_the_documentation_shows_equations_and_needs_no_network(each_fmu: Fmu) -
     ] == []
 
 
-def test_every_variable_tells_what_it_is_and_every_real_its_unit(each_fmu: Fmu) -> None:
+def test_every_variable_has_a_description_and_every_real_its_unit(each_fmu: Fmu) -> None:
     variables = each_fmu.variables.values()
     assert [v.name for v in variables if not v.description or not v.description.strip()] == []
     assert [v.name for v in variables if v.type == "Real" and not v.unit] == []
@@ -130,7 +130,7 @@ def test_initial_unknowns_are_outputs_states_and_derivatives_and_nothing_else(ea
     assert {unknown.variable.name for unknown in description.initialUnknowns} == wanted
 
 
-def test_every_output_stands_in_the_model_structure_with_its_dependencies(each_fmu: Fmu) -> None:
+def test_every_output_is_listed_in_the_model_structure_with_its_dependencies(each_fmu: Fmu) -> None:
     outputs = {unknown.variable.name: unknown for unknown in each_fmu.description.outputs}
     assert set(outputs) == set(each_fmu.named(causality="output"))
     # An absent list would mean: depends on everything.
@@ -161,7 +161,7 @@ def test_nothing_with_equal_content_differs_between_two_exports(tmp_path: Path) 
         ("L1NonlinearSiso", "step_too_long", []),
     ],
 )
-def test_an_output_depends_on_what_the_equations_say(fmu, name: str, output: str, known: list[str]) -> None:
+def test_an_output_depends_on_what_the_equations_read(fmu, name: str, output: str, known: list[str]) -> None:
     (unknown,) = [u for u in fmu(name).description.outputs if u.variable.name == output]
     assert [v.name for v in unknown.dependencies] == known
 
@@ -180,6 +180,6 @@ def test_an_output_depends_on_what_the_equations_say(fmu, name: str, output: str
         ("L1NonlinearSiso", "der(sigma_hat[1])", {"x[1]", "x[2]", "x_hat[1]", "x_hat[2]", "sigma_hat[1]"}),
     ],
 )
-def test_a_rate_depends_on_what_the_equations_say(fmu, name: str, rate: str, known: set[str]) -> None:
+def test_a_rate_depends_on_what_the_equations_read(fmu, name: str, rate: str, known: set[str]) -> None:
     (unknown,) = [u for u in fmu(name).description.derivatives if u.variable.name == rate]
     assert {v.name for v in unknown.dependencies} == known

@@ -71,7 +71,7 @@ def test_a_damaged_file_is_made_anew_with_one_warning(
     assert exported(cache, tmp_path) == (expected, [])
 
 
-def test_several_damaged_files_are_told_in_one_line(filled: Path, expected: bytes, tmp_path: Path) -> None:
+def test_several_damaged_files_are_reported_in_one_line(filled: Path, expected: bytes, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     shutil.copytree(filled, cache)
     for file in cache.iterdir():

@@ -223,7 +223,7 @@ def test_the_bandwidth_is_where_the_low_pass_has_fallen(design: Checked) -> None
 
 
 @pytest.mark.parametrize("name", sample.FMUS)
-def test_every_fmu_is_checked_and_the_exit_code_tells_whether_it_is_sound(name: str) -> None:
+def test_every_fmu_is_checked_and_the_exit_code_is_its_verdict(name: str) -> None:
     answer = adaptive_fmu("check", name, "--json")
     output = json.loads(answer.stdout)
     assert answer.stderr == "" and output["name"] == name
@@ -242,7 +242,7 @@ def test_people_see_the_same_verdict_and_the_advice() -> None:
     assert answer.returncode == 0 and "nothing else to check" in answer.stdout
 
 
-def test_a_refused_description_is_told_by_line_and_key(tmp_path: Path) -> None:
+def test_a_refused_description_is_reported_by_line_and_key(tmp_path: Path) -> None:
     text = (ROOT / "modelDescription" / "L1NonlinearSiso.toml").read_text()
     for old, new, named in [
         ("description = ", "descritpion = ", ["line 4", "descritpion"]),

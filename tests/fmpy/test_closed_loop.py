@@ -118,7 +118,7 @@ def test_the_order_of_units_matters_so_both_are_really_run(fmu) -> None:
     assert not closed_loop(fmu, 0.5, 1e-3, "jacobi").same_as(closed_loop(fmu, 0.5, 1e-3))
 
 
-def test_outputs_stand_still_while_inputs_are_set_between_steps(unit) -> None:
+def test_outputs_do_not_change_while_inputs_are_set_between_steps(unit) -> None:
     plant = unit("NonlinearSiso").start(**{"u[1]": 0.3})
     plant.step(0.0, 0.01)
     before = plant["x[1]"], plant["x[2]"], plant["y[1]"], plant.slope("x[2]")

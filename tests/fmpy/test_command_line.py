@@ -42,7 +42,7 @@ def test_list_names_them_for_people_too() -> None:
     assert answer.returncode == 0 and [name for name in FMU_NAMES + LOOPS if name not in answer.stdout] == []
 
 
-def test_info_tells_as_json_what_the_description_says(each_fmu) -> None:
+def test_info_as_json_is_that_of_the_description(each_fmu) -> None:
     answer = adaptive_fmu("info", each_fmu.path, "--json")
     assert (answer.returncode, answer.stderr) == (0, "")
     output = json.loads(answer.stdout)
@@ -128,7 +128,7 @@ def test_run_without_a_folder_never_shows_the_numbers_of_an_older_export(tmp_pat
     assert all(file.read_text() == "an older export" for file in stale)
 
 
-def test_what_cant_be_done_is_told_on_stderr_with_exit_code_1(tmp_path: Path) -> None:
+def test_what_cant_be_done_is_reported_on_stderr_with_exit_code_1(tmp_path: Path) -> None:
     assert "3.2.1-cosine" in fails("run", "3.2.1-cosinus", "--out", tmp_path)
     assert PLANT in fails("export", "NonlinearSisso", "--out", tmp_path)
     assert "gone.fmu" in fails("info", tmp_path / "gone.fmu")
@@ -242,14 +242,14 @@ def test_a_file_that_is_no_library_of_models_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists() or list((tmp_path / "out").iterdir()) == []
 
 
-def test_why_a_library_cant_be_loaded_is_told(tmp_path: Path) -> None:
+def test_why_a_library_cant_be_loaded_is_reported(tmp_path: Path) -> None:
     text = tmp_path / "library.so"
     text.write_text("no library" * 1000)
     assert "invalid ELF header" in fails("export", PLANT, "--library", text, "--out", tmp_path)
     assert "No such file" in fails("export", PLANT, "--library", tmp_path / "gone.so", "--out", tmp_path)
 
 
-def test_a_folder_that_cant_be_written_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cant_be_written_is_reported(tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     assert str(in_the_way) in fails("export", PLANT, "--out", in_the_way)

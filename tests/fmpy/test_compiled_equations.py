@@ -103,7 +103,7 @@ def test_the_compiler_of_fmus_may_be_a_command_with_arguments(command: str, tmp_
     assert (counted.read_text().splitlines() if counted.exists() else []) == calls
 
 
-def test_an_fmu_of_a_kept_description_is_the_same_and_a_broken_one_is_made_anew(tmp_path: Path) -> None:
+def test_an_fmu_of_a_cached_description_is_the_same_and_a_broken_one_is_made_anew(tmp_path: Path) -> None:
     cache, name = tmp_path / "cache", "L1NonlinearSiso"
 
     def exported(kept: Path | str) -> bytes:

@@ -39,7 +39,7 @@ def run(fmu: Fmu, stop: float, step: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("signal", ["cosine", "square"])
-def test_a_whole_loop_has_the_metrics_of_the_continuous_one(composite, signal: str) -> None:
+def test_a_composite_has_the_metrics_of_the_continuous_one(composite, signal: str) -> None:
     rows, time = run(composite[signal], 60.0, 1e-2), np.linspace(0.0, 60.0, 6001)
     error, rms, control = metrics(time, rows[:, 0], rows[:, 2], signal)
     # To the digits that are printed of them.
@@ -48,13 +48,13 @@ def test_a_whole_loop_has_the_metrics_of_the_continuous_one(composite, signal: s
 
 
 @pytest.mark.parametrize("signal", ["cosine", "square"])
-def test_a_whole_loop_is_the_continuous_one(composite, signal: str) -> None:
+def test_a_composite_is_the_continuous_one(composite, signal: str) -> None:
     rows, solution = run(composite[signal], 5.0, 1e-2), continuous_loop(Experiment(5.0, signal))
     assert np.abs(rows[:, :2] - solution.x).max() < 1e-5
     assert np.abs(rows[:, 2] - solution.u).max() < 1e-4
 
 
-def test_separate_units_come_to_the_whole_loop_as_their_step_gets_small(composite, fmu) -> None:
+def test_separate_fmus_converge_to_the_composite_as_their_step_gets_small(composite, fmu) -> None:
     whole, steps = run(composite["cosine"], 5.0, 1e-2), [2e-3, 1e-3, 5e-4, 2.5e-4]
     loops = [closed_loop(fmu, 5.0, step) for step in steps]
     errors = [
@@ -63,7 +63,7 @@ def test_separate_units_come_to_the_whole_loop_as_their_step_gets_small(composit
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] >= 0.8, errors
 
 
-def test_a_whole_loop_has_the_outputs_of_its_units_and_the_inputs_that_nothing_is_connected_to(composite) -> None:
+def test_a_composite_has_the_outputs_of_its_units_and_the_inputs_that_nothing_is_connected_to(composite) -> None:
     whole = composite["cosine"]
     assert set(whole.named(causality="output")) == {
         *(f"reference.{name}[1]" for name in ("r", "dr", "ddr")),
@@ -94,7 +94,7 @@ def metrics_of(results: Path, loop: str) -> dict:
     return json.loads((results / loop / "metrics.json").read_text())
 
 
-def test_a_loop_run_as_one_unit_is_judged_like_that_of_separate_units(results: Path) -> None:
+def test_a_loop_run_as_a_composite_is_judged_like_that_of_separate_units(results: Path) -> None:
     whole, separate = metrics_of(results, f"{LOOPS[0]}-composite"), metrics_of(results, LOOPS[0])
     assert (whole["loop"], whole["ended"]) == (f"{LOOPS[0]}-composite", "complete")
     assert [m["label"] for m in whole["metrics"]] == [m["label"] for m in separate["metrics"]]
@@ -104,7 +104,7 @@ def test_a_loop_run_as_one_unit_is_judged_like_that_of_separate_units(results: P
     assert values == pytest.approx(others, rel=0.03)
 
 
-def test_a_loop_run_as_one_unit_has_the_signals_of_separate_units(results: Path) -> None:
+def test_a_loop_run_as_a_composite_has_the_signals_of_separate_units(results: Path) -> None:
     whole, separate = (read_csv(results / loop / "result.csv") for loop in (f"{LOOPS[0]}-composite", LOOPS[0]))
     assert set(whole) == set(separate) and len(whole["time"]) == len(separate["time"])
     assert np.abs(whole["plant.y[1]"] - separate["plant.y[1]"]).max() < 0.02
@@ -122,7 +122,7 @@ def short_run(out: Path, loop: str, *arguments: str | Path) -> dict[str, np.ndar
     return read_csv(Path(json.loads(answer.stdout)["results"]) / "result.csv")
 
 
-def test_a_loop_run_as_one_unit_takes_start_values_and_a_step_to_look_at(tmp_path: Path) -> None:
+def test_a_loop_run_as_a_composite_takes_start_values_and_a_step_to_look_at(tmp_path: Path) -> None:
     (tmp_path / "square.ssv").write_text(SQUARE)
     square = short_run(tmp_path / "square", LOOPS[1])
     case = short_run(tmp_path / "case", LOOPS[0], "--case", tmp_path / "square.ssv")
@@ -135,7 +135,7 @@ def test_a_loop_run_as_one_unit_takes_start_values_and_a_step_to_look_at(tmp_pat
     assert short_run(tmp_path / "start", LOOPS[0], "--set", "plant.x0[1]=0.25")["plant.x[1]"][0] == 0.25
 
 
-def test_what_does_not_go_with_one_unit_is_refused_or_told(fmu_folder: Path, tmp_path: Path) -> None:
+def test_what_does_not_go_with_one_unit_is_refused_or_reported(fmu_folder: Path, tmp_path: Path) -> None:
     for wrong in (["--order", "jacobi"], ["--fmus", fmu_folder]):
         assert adaptive_fmu("run", LOOPS[0], "--composite", *wrong, "--out", tmp_path).returncode == 2
     wrong = ["--composite", "--set", "plant.a1=high", "--out", tmp_path]

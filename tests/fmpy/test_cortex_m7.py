@@ -207,7 +207,7 @@ def test_a_law_gives_on_the_target_what_it_gives_on_the_host(row, laws, on_targe
 
 
 @each_law
-def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
+def test_a_step_takes_no_more_than_documented(row, on_target) -> None:
     results = on_target(row["controller"], number(row["substeps"]))
     mean = results.instructions.mean()
     worst = on_target(row["controller"], number(row["substeps"]), True)
@@ -219,7 +219,7 @@ def test_a_step_takes_no_more_than_the_page_tells(row, on_target) -> None:
 
 
 @each_law
-def test_a_law_takes_the_memory_that_the_page_tells_and_allocates_none(row, laws, law_object, tmp_path) -> None:
+def test_a_law_takes_the_documented_memory_and_allocates_none(row, laws, law_object, tmp_path) -> None:
     name, whole = row["controller"], tmp_path / "whole.o"
     folder = laws.firmware(name, number(row["substeps"]))
     (tmp_path / "state.c").write_text(f'#include "{name}.h"\n\n{name} controller;\n')

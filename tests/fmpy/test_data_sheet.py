@@ -108,7 +108,7 @@ def test_the_longest_period_is_one_with_which_the_fastest_mode_decays(own, tmp_p
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_controller_takes_the_bytes_that_its_sheet_tells(name: str, laws: Laws) -> None:
+def test_a_controller_takes_the_bytes_of_its_sheet(name: str, laws: Laws) -> None:
     folder = laws.firmware(name, substeps(name))
     documented = [int(number) for number in re.search(r"takes (\d+) bytes in double and (\d+) in float", sheet(folder, name)).groups()]
     assert documented == [Law(folder, name, *defines).c.law_size() for defines in ([], [f"-D{name}_FLOAT"])]
@@ -179,7 +179,7 @@ int main()
 
 @pytest.mark.skipif(not shutil.which("g++"), reason="there is no compiler of C++ that counts operations")
 @pytest.mark.parametrize("name", LAWS)
-def test_no_step_takes_more_operations_than_the_sheet_tells(name: str, laws: Laws, tmp_path: Path) -> None:
+def test_no_step_takes_more_operations_than_in_the_sheet(name: str, laws: Laws, tmp_path: Path) -> None:
     """Counted by numbers of a type of their own, over the inputs of the vectors and such as no loop has, which may be refused."""
     folder = laws.firmware(name, substeps(name))
     replay = (folder / f"{name}_replay.c").read_text()

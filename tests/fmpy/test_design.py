@@ -124,13 +124,13 @@ def test_noise_passes_through_a_linear_controller_in_proportion(tmp_path: Path) 
         (["--settling-time", "1", "--set", "a=1"], "--at, --set, --free, --want and --hold are for an FMU"),
     ],
 )
-def test_what_is_wrong_is_said_and_nothing_is_written(words: list[str], reason: str, tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_and_nothing_is_written(words: list[str], reason: str, tmp_path: Path) -> None:
     done = run(tmp_path, "design", MOTOR, *words)
     assert done.returncode == 1 and reason in done.stderr, done.stderr
     assert not list(tmp_path.iterdir())
 
 
-def test_where_no_candidate_is_sound_the_exit_code_says_so(tmp_path: Path) -> None:
+def test_where_no_candidate_is_sound_the_exit_code_shows_it(tmp_path: Path) -> None:
     unstable = Plant(np.array([[0.0, 1.0], [4.0, 0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), 4.0)
     file = written(tmp_path, unstable)
     output = designed(tmp_path, file, "--bandwidth", "4", "--kinds", "pid,ladrc", "--uncertainty", "90%", code=(3,))
@@ -152,7 +152,7 @@ def test_an_fmu_is_a_plant_too(tmp_path: Path) -> None:
         assert mine["peaks"] == pytest.approx(other["peaks"], rel=1e-3)
 
 
-def test_the_plant_that_check_writes_as_worst_does_what_was_said(tmp_path: Path) -> None:
+def test_the_plant_that_check_writes_as_worst_does_what_was_reported(tmp_path: Path) -> None:
     designed(tmp_path, written(tmp_path, MASS), "--bandwidth", "2", "--kinds", "pid")
     done = run(tmp_path, "check", "design/Pid.toml", "--worst", "worst.ssv", "--json")
     found = {item["name"]: item["value"] for item in json.loads(done.stdout)["findings"] if item["section"] == "Uncertain plants"}

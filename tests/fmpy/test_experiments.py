@@ -90,7 +90,7 @@ def test_a_pole_too_fast_for_the_settling_time_is_noted(tmp_path: Path) -> None:
     assert own["structure"]["sample_time"] == float(note[2]) and "fastest pole" not in output
 
 
-def test_plants_that_do_not_settle_are_told_so(tmp_path: Path) -> None:
+def test_plants_that_do_not_settle_are_reported(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 2)
     growth = round(rng.uniform(0.1, 3), 3)
     plant(tmp_path / "Unstable.json", rng, [growth, -2, -7], ["u"])

@@ -91,7 +91,7 @@ def test_the_server_listens_on_the_loopback_address_alone(explored: Explored) ->
 
 
 @pytest.mark.parametrize("path", ["/", "/explore.js", "/controls.js", "/steps.js", "/diagrams.js", "/explore.css", "/loop"])
-def test_nothing_is_told_without_the_token(explored: Explored, path: str) -> None:
+def test_nothing_is_answered_without_the_token(explored: Explored, path: str) -> None:
     for token in [None, "", explored.token[:-1], "0" * len(explored.token)]:
         status, text = explored.ask("GET", path, X_Token=token)
         assert status == 403 and "token" in text, token
@@ -107,7 +107,7 @@ def test_another_name_of_this_machine_or_another_page_is_refused(explored: Explo
     assert not [name for name in explored.headers if name.lower().startswith("access-control")]
 
 
-def test_a_browser_is_told_to_load_nothing_from_elsewhere(explored: Explored) -> None:
+def test_a_browser_loads_nothing_from_elsewhere(explored: Explored) -> None:
     status, text = explored.ask("GET", "/")
     assert status == 200 and explored.headers["Content-Security-Policy"].startswith("default-src 'none'")
     assert "http:" not in text and "https:" not in text and "//" not in re.sub(r"<!--.*?-->", "", text)
@@ -149,7 +149,7 @@ def test_a_run_with_a_value_is_that_of_the_program(explored: Explored, tmp_path:
     assert [metric["value"] for metric in answer["metrics"]] == [metric["value"] for metric in metrics]
 
 
-def test_a_name_that_is_none_and_a_value_that_a_unit_refuses_are_told(explored: Explored) -> None:
+def test_a_name_that_is_none_and_a_value_that_a_unit_refuses_are_reported(explored: Explored) -> None:
     _, answer = explored.wanted("/run", values={"controller.nothing": 1})
     assert "there is no adjustable parameter `controller.nothing`" in answer["error"]
     _, answer = explored.wanted("/run", values={GAIN: "fast"})
@@ -166,7 +166,7 @@ def test_a_name_that_is_none_and_a_value_that_a_unit_refuses_are_told(explored: 
     assert "must be Hurwitz" in answer["refused"] and answer["at"] == ["controller.A_m[2,2]"]
 
 
-def test_a_loop_that_is_lost_tells_where_its_curves_end(explored: Explored) -> None:
+def test_a_loop_that_is_lost_shows_where_its_curves_end(explored: Explored) -> None:
     _, answer = explored.wanted("/run", values={"plant.omega": -2})
     assert 0 < answer["end"] < 10 and f"failed at t = {answer['end']:g} s of 10 s" in answer["shortfall"]
     assert answer["diagrams"][0]["curves"][0]["x"][-1] == pytest.approx(answer["end"])
@@ -193,7 +193,7 @@ def test_a_set_runs_the_loop_as_the_page_did(explored: Explored, tmp_path: Path)
     assert json.loads(ran.stdout)["metrics"][0]["value"] == answer["metrics"][0]["value"]
 
 
-def test_cases_are_those_that_lie_beside_the_loop_with_all_that_they_choose(tmp_path: Path) -> None:
+def test_cases_are_those_next_to_the_loop_with_all_that_they_choose(tmp_path: Path) -> None:
     served = Explored(tmp_path, "4-case1-fuzzy", "--until", "1")
     try:
         answer = json.loads(served.ask("GET", "/loop")[1])
@@ -335,7 +335,7 @@ def test_a_slider_moves_curves_and_metrics_and_its_values_are_exported(page: Cal
     assert metrics(shown) == before and not shown.locator(".slider.moved").count()
 
 
-def test_a_refused_value_is_told_at_its_slider_and_the_last_curves_stay_greyed(page: Callable[..., Any]) -> None:
+def test_a_refused_value_is_reported_at_its_slider_and_the_last_curves_stay_greyed(page: Callable[..., Any]) -> None:
     shown = page()
     drawn, number = curves(shown), ran(shown)
     gain = slider(shown, GAIN)
@@ -349,7 +349,7 @@ def test_a_refused_value_is_told_at_its_slider_and_the_last_curves_stay_greyed(p
     assert not shown.locator("#diagrams.stale").count() and gain.locator(".wrong").is_hidden()
 
 
-def test_a_lost_loop_tells_when_and_its_metrics_are_until_then(page: Callable[..., Any]) -> None:
+def test_a_lost_loop_reports_when_and_its_metrics_are_until_then(page: Callable[..., Any]) -> None:
     shown = page("#plant.omega=-2")
     assert "failed at t = " in shown.locator("#shortfall").text_content()
     assert "until then" in shown.locator("#metrics thead").text_content()
@@ -394,7 +394,7 @@ def test_the_page_is_no_wider_than_a_phone(page: Callable[..., Any]) -> None:
     assert shown.evaluate("document.documentElement.scrollWidth") <= 400
 
 
-def test_a_program_that_has_ended_is_told(browser: Any, tmp_path: Path) -> None:
+def test_a_program_that_has_ended_is_reported(browser: Any, tmp_path: Path) -> None:
     served = Explored(tmp_path, LOOP, "--until", "1")
     shown = browser.new_page()
     shown.goto(served.url)

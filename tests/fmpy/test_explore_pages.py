@@ -141,7 +141,7 @@ def test_a_slider_moves_curves_and_metrics_to_those_of_the_program(page: Callabl
     assert shown.locator("#save").is_hidden() and shown.locator("#export").is_hidden()
 
 
-def test_a_refused_value_is_told_and_the_page_goes_on(page: Callable[..., Any]) -> None:
+def test_a_refused_value_is_reported_and_the_page_goes_on(page: Callable[..., Any]) -> None:
     shown = page()
     gain = slider(shown, "controller.adaptation_gain")
     number = ran(shown)

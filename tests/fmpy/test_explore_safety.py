@@ -46,7 +46,7 @@ def raw(explored: Explored, bytes_: bytes) -> bytes:
     return b""
 
 
-def test_connections_that_say_nothing_keep_nobody_out(explored: Explored) -> None:
+def test_idle_connections_keep_nobody_out(explored: Explored) -> None:
     """Nor those that say a little again and again, or show another token."""
     idle = [socket.create_connection((explored.host, explored.port), timeout=30) for _ in range(200)]
     try:
@@ -81,7 +81,7 @@ ls -ld "$(dirname "$1")" > "$SEEN/folder"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the opener is xdg-open")
-def test_the_token_does_not_stand_in_the_list_of_processes(tmp_path: Path) -> None:
+def test_the_token_is_not_in_the_list_of_processes(tmp_path: Path) -> None:
     opener, seen = tmp_path / "bin" / "xdg-open", tmp_path / "seen"
     opener.parent.mkdir()
     seen.mkdir()

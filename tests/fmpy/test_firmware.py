@@ -113,7 +113,7 @@ def test_no_input_that_is_no_number_changes_anything(name: str, laws: Laws, fmu)
     assert law.step(drawn(1.0)) == untroubled.step(drawn(1.0)), "it goes on as if nothing had been"
 
 
-def test_a_refused_step_gives_what_the_export_says(laws: Laws) -> None:
+def test_a_refused_step_gives_what_the_export_documents(laws: Laws) -> None:
     name = "L1TwoLinkRobot"
     inputs = [0.1, -0.1, 0.0, 0.05, 0.0, 0.0]
     given = {}
@@ -144,7 +144,7 @@ def test_a_manual_control_keeps_to_the_limits_where_a_step_is_refused(laws: Laws
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_control_at_its_limit_is_told(name: str, laws: Laws, fmu) -> None:
+def test_a_control_at_its_limit_is_reported(name: str, laws: Laws, fmu) -> None:
     law = Law(laws.firmware(name, substeps(name)), name)
     members = law.members["parameters"]
     if not {"u_min", "u_max"} <= members.keys() or re.search(r"^    (?:bool|int32_t) \w+;.*\n", parameters_of(law.header), re.M):

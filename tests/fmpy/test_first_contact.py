@@ -55,7 +55,7 @@ def alone(fmu: Fmu) -> tuple[np.ndarray, list[tuple[int, str]]]:
     return result, messages
 
 
-def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fmu) -> None:
+def test_a_standalone_fmu_runs_by_the_defaults_of_fmpy_and_logs_nothing(each_fmu: Fmu) -> None:
     result, messages = alone(each_fmu)
     assert messages == [], "neither warnings nor errors"
     outputs = [name for name in result.dtype.names if name != "time"]
@@ -64,7 +64,7 @@ def test_a_unit_alone_runs_by_the_defaults_of_fmpy_and_says_nothing(each_fmu: Fm
     assert (each_fmu.name not in AT_REST) == bool(moves), moves
 
 
-def test_a_page_says_what_its_unit_shows_alone(each_fmu: Fmu) -> None:
+def test_a_page_describes_what_its_fmu_shows_standalone(each_fmu: Fmu) -> None:
     with zipfile.ZipFile(each_fmu.path) as archive:
         page = html.document_fromstring(archive.read("documentation/index.html").decode())
     shown = page.get_element_by_id("alone").text_content()

@@ -130,7 +130,7 @@ def test_the_loop_of_a_first_design_settles(kind, model, bandwidth, reference, u
     assert ("smooth_start_rate" in table) == (kind == "funnel")
 
 
-def test_the_step_that_limits_allow_is_said(tmp_path: Path):
+def test_the_step_that_limits_allow_is_reported(tmp_path: Path):
     """The largest control of a loop without limits is the limit, for the step that `new` allows."""
     run = new("pid", MOTOR | {"u_max": [5], "u_min": [-5]}, 20.0, tmp_path, 100.0)
     assert run.returncode == 0 and "A step of the reference to 100 needs controls from" in run.stderr, run.stderr

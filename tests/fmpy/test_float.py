@@ -20,7 +20,7 @@ def laws(tmp_path_factory: pytest.TempPathFactory) -> Laws:
 
 
 @each_law
-def test_a_law_in_float_is_as_close_to_double_as_the_page_tells(row, laws) -> None:
+def test_a_law_in_float_is_as_close_to_double_as_documented(row, laws) -> None:
     name, substeps = row["controller in float"], int(row["substeps"])
     inputs = laws.inputs(name, row["loop"], STEPS)
     double = laws.outputs(name, substeps, inputs)

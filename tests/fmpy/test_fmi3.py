@@ -373,7 +373,7 @@ def test_event_mode_takes_the_delay_out_of_a_loop(fmu3: Callable[[str], Fmu3], r
     np.testing.assert_allclose(np.array(documented, dtype=float), measured, rtol=0.01)
 
 
-def test_a_whole_loop_is_one_fmu(tmp_path: Path, ran: Callable[..., Ran]) -> None:
+def test_a_composite_is_one_fmu(tmp_path: Path, ran: Callable[..., Ran]) -> None:
     """Its components' vectors are arrays, and its torques are those of the loop as one FMU."""
     exported = adaptive_fmu("export", "--fmi", "3", "--composite", "3.3.1-case2", "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr

@@ -371,7 +371,7 @@ def test_saved_states_belong_to_sizes(made: Callable[..., Fmu3], refused: Callab
         ("law", '[structure.units]\nx = ["m", "m/s"]\n'),
     ],
 )
-def test_what_is_said_of_single_elements_fixes_the_sizes(kind: str, more: str, tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_values_of_single_elements_fix_the_sizes(kind: str, more: str, tmp_path: Path, refused: Callable[..., str]) -> None:
     """Names, units and quantities of a user's own; a size's name that is taken."""
     (tmp_path / "unit.toml").write_text(KINDS[kind][0](*KINDS[kind][1]) + more)
     fmu = exported(tmp_path / "unit.toml")

@@ -175,7 +175,7 @@ def test_the_speed_follows_its_step_and_stays(
 
 
 @needs_python
-def test_an_exception_of_a_unit_in_python_is_told_by_its_text(begun: Callable, tmp_path: Path) -> None:
+def test_an_exception_of_an_fmu_in_python_is_reported_by_its_text(begun: Callable, tmp_path: Path) -> None:
     whole = begun(in_python)
     for name in ["MotorController.toml", "MotorReference.toml", "SystemStructure.ssd"]:
         (tmp_path / name).write_text((whole / name).read_text())
@@ -188,7 +188,7 @@ def test_an_exception_of_a_unit_in_python_is_told_by_its_text(begun: Callable, t
     assert 0.5 <= read_csv(table)["time"][-1] < 0.51, "what was computed until then is kept"
 
 
-def test_it_says_what_is_missing_where_there_is_no_such_unit(tmp_path: Path) -> None:
+def test_the_error_names_what_is_missing_where_there_is_no_such_fmu(tmp_path: Path) -> None:
     refused = adaptive_fmu("new", "loop", "--units", tmp_path / "Gone.fmu", "--out", tmp_path / "loop")
     assert refused.returncode == 1 and "Gone.fmu" in refused.stderr and not (tmp_path / "loop").exists()
 

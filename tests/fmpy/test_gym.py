@@ -110,7 +110,7 @@ def test_side_by_side_they_are_as_one_by_one() -> None:
     many.close(), single.close()
 
 
-def test_what_does_not_fit_is_told_and_no_files_are_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_fit_is_reported_and_no_files_are_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     with pytest.raises(ArgumentError, match="is not an input. Leave out the component"):

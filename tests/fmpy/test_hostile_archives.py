@@ -53,7 +53,7 @@ def reported_in_a_line(answer, word: str) -> None:
 
 
 @pytest.mark.parametrize("name", XML)
-def test_hostile_xml_is_refused_wherever_it_stands(bounded, loop: Path, name: str, tmp_path: Path) -> None:
+def test_hostile_xml_is_refused_wherever_it_is(bounded, loop: Path, name: str, tmp_path: Path) -> None:
     content, word = XML[name]
     content = content.encode() if isinstance(content, str) else content
     (tmp_path / "case.ssv").write_bytes(content)

@@ -73,7 +73,7 @@ def test_what_is_no_file_is_refused_without_waiting(bounded, tmp_path: Path) -> 
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_what_may_not_be_read_or_written_is_told(bounded, tmp_path: Path) -> None:
+def test_what_may_not_be_read_or_written_is_reported(bounded, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(TOML)
     (tmp_path / "mine.toml").chmod(0)
     assert "denied" in bounded("export", "mine.toml", folder=tmp_path).stderr
@@ -87,7 +87,7 @@ def test_other_line_ends_and_a_byte_order_mark_do_no_harm(bounded, tmp_path: Pat
     assert files_in(tmp_path) == {"mine.toml", f"out/{PLANT}.fmu"}
 
 
-def test_a_mistake_in_a_description_within_an_archive_is_told_with_its_line(tmp_path: Path) -> None:
+def test_a_mistake_in_a_description_within_an_archive_is_reported_with_its_line(tmp_path: Path) -> None:
     own = ROOT / "examples" / "own" / "dc_motor"
     text = (own / "DcMotor.toml").read_text().replace("u_min = [-12.0]", "u_mim = [-12.0]")
     line = text[: text.index("u_mim")].count("\n") + 1

@@ -12,7 +12,7 @@ from recorded import SIGNALS, STEP, motor, program, record, written
 from sample import NUMBER
 
 
-def test_a_model_is_the_plant_within_what_it_says_and_gives_a_controller(tmp_path: Path) -> None:
+def test_a_model_is_the_plant_within_its_uncertainty_and_gives_a_controller(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER)
     A, B = motor(rng)
     written(tmp_path, record(rng, A, B))
@@ -35,7 +35,7 @@ def test_a_model_is_the_plant_within_what_it_says_and_gives_a_controller(tmp_pat
     assert checked.returncode == 0, checked.stdout
 
 
-def test_the_table_and_json_say_the_same(tmp_path: Path) -> None:
+def test_the_table_and_json_agree(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 1)
     A, B = motor(rng)
     written(tmp_path, record(rng, A, B))
@@ -51,7 +51,7 @@ def test_the_table_and_json_say_the_same(tmp_path: Path) -> None:
         assert finding["text"] in text
 
 
-def test_structure_that_is_known_is_kept_and_makes_the_rest_surer(tmp_path: Path) -> None:
+def test_structure_that_is_known_stays_and_makes_the_rest_surer(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 2)
     A, B = motor(rng)
     written(tmp_path, record(rng, A, B))
@@ -147,7 +147,7 @@ def test_an_input_that_is_left_out_takes_its_delay_along(tmp_path: Path) -> None
     assert min(model["fit"]["held_out"]) > 97
 
 
-def test_what_is_not_checked_and_what_has_no_meaning_is_said(tmp_path: Path) -> None:
+def test_what_is_not_checked_and_what_has_no_meaning_is_reported(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 9)
     written(tmp_path, record(rng, *motor(rng), rows=600))
     ran = program(tmp_path, "identify", "record.csv", *SIGNALS, "--hold-out", "0.003")

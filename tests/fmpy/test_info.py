@@ -32,7 +32,7 @@ def entry(file: Path, name: str) -> str:
         return archive.read(name).decode()
 
 
-def test_info_tells_what_the_fmu_was_built_of(fmu) -> None:
+def test_info_shows_what_the_fmu_was_built_of(fmu) -> None:
     plant = fmu(PLANT)
     output = info(plant.path)
     compiler = subprocess.run(["rustc", "--version"], capture_output=True, text=True, check=True).stdout.strip()
@@ -68,7 +68,7 @@ def test_info_reads_the_build_that_lies_in_the_archive(fmu, tmp_path: Path) -> N
         assert words in shown
 
 
-def test_info_of_an_fmu_of_another_tool_says_what_isnt_in_it(tmp_path: Path) -> None:
+def test_info_of_an_fmu_of_another_tool_shows_what_isnt_in_it(tmp_path: Path) -> None:
     foreign = tmp_path / "foreign.fmu"
     with zipfile.ZipFile(foreign, "w") as archive:
         archive.writestr("modelDescription.xml", FOREIGN)
@@ -101,7 +101,7 @@ def test_a_description_with_other_values_keeps_the_comments_of_the_one_it_comes_
     assert [line for line in text.splitlines() if line.strip().startswith("#") and line not in kept] == []
 
 
-def test_a_whole_loop_holds_the_descriptions_of_its_units(tmp_path: Path) -> None:
+def test_a_composite_holds_the_descriptions_of_its_units(tmp_path: Path) -> None:
     assert adaptive_fmu("export", "--composite", "3.2.1-cosine", "--out", tmp_path).returncode == 0
     kept = info(tmp_path / "Loop_3_2_1_cosine.fmu")["source"]
     for name in ["ReferenceNonlinearSiso", PLANT, CONTROLLER]:
@@ -122,7 +122,7 @@ def test_the_description_in_an_fmu_gives_the_same_fmu_again(fmu, name: str, tmp_
     assert (tmp_path / f"{name}.fmu").read_bytes() == fmu(name).path.read_bytes()
 
 
-def test_info_tells_whose_an_fmu_is(fmu, tmp_path: Path) -> None:
+def test_info_shows_whose_an_fmu_is(fmu, tmp_path: Path) -> None:
     plant = fmu(PLANT).path
     about = info(plant)["about"]
     assert about["author"] == "The adaptive-fmu authors" and about["license"] == "MIT OR Apache-2.0"

@@ -78,7 +78,7 @@ def test_a_tolerance_tightens_the_integration_and_never_loosens_it(unit) -> None
     assert errors[1e-10] < 1e-9
 
 
-def test_inputs_are_held_unless_told_otherwise(unit) -> None:
+def test_inputs_are_sampled_unless_set_otherwise(unit) -> None:
     held = exact(lambda t: ramp(0.1 * math.floor(t / 0.1 + 1e-9)), 1.0)
     plain = driven(unit, ramp, 0.1, 1.0)
     # scipy steps over the jumps of the held control, hence the tolerance.
@@ -234,7 +234,7 @@ def test_fmpy_simulates_every_unit_with_any_step_and_stop_time(each_fmu: Fmu, st
 
 # The plant diverges without its controller: the next test.
 @pytest.mark.parametrize("name", [name for name in sample.FMUS if name != PLANT])
-def test_fmpy_runs_the_default_experiment_of_every_unit_that_can_stand_alone(fmu, name: str) -> None:
+def test_fmpy_runs_the_default_experiment_of_every_standalone_fmu(fmu, name: str) -> None:
     result = fmpy.simulate_fmu(str(fmu(name).path), start_values=at_ease(fmu(name)))
     assert result["time"][-1] == float(fmu(name).description.defaultExperiment.stopTime)
     if name == REFERENCE:
@@ -258,7 +258,7 @@ def test_the_plant_without_its_controller_ends_with_an_error_where_its_equations
     assert numbers and numbers[0] == pytest.approx(pole, abs=1e-4)
 
 
-def test_a_discarded_step_tells_up_to_when_it_is_right(unit) -> None:
+def test_a_discarded_step_reports_up_to_when_it_is_right(unit) -> None:
     plant = unit(PLANT, on_step_failure="discard").start()
     plant.step(0.0, 1.0)
     assert refused(plant.step, 1.0, 5.0).status == 2

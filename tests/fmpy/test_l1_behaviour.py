@@ -21,7 +21,7 @@ def messages_of(loop: Separate, category: str) -> list[str]:
     return [message.text for message in loop.controller.messages if message.category == category]
 
 
-def test_a_step_too_long_for_the_control_is_shown_and_told_once_with_one_to_try(unit) -> None:
+def test_a_step_too_long_for_the_control_is_shown_and_reported_once_with_one_to_try(unit) -> None:
     loop, shown, parts, controls = Separate(unit, "robot", {}, CASE_1), [], [], []
 
     def look() -> None:
@@ -61,7 +61,7 @@ def frequency(loop: Separate) -> float:
     return expected
 
 
-def test_estimates_at_their_bounds_are_counted_and_told_once(unit) -> None:
+def test_estimates_at_their_bounds_are_counted_and_reported_once(unit) -> None:
     loop, counts, expected = Separate(unit, "robot", {}, CASE_2), [], []
     low = np.array([0.5, -2.0, -2.0, 0.5, -100.0, -100.0, -10.0, -10.0])
     high = np.array([10.0, 2.0, 2.0, 10.0, 100.0, 100.0, 10.0, 10.0])

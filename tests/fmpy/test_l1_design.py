@@ -64,7 +64,7 @@ def test_poles_and_weights_tuned_while_running_give_the_design_that_scipy_finds(
 # Beyond the peaks of the control, and no further: scipy needs thousands of steps for a tenth of a second. With a fuzzy
 # gain only as far as scipy, which doesn't see its kinks, is accurate enough itself.
 @pytest.mark.parametrize(("loop", "stop"), [("3.3.1-case2", 0.2), ("4-case1", 0.12), ("4-case1-fuzzy", 0.06)])
-def test_a_loop_as_one_unit_is_the_continuous_loop_that_scipy_solves(loop: str, stop: float, tmp_path) -> None:
+def test_a_loop_as_a_composite_is_the_continuous_loop_that_scipy_solves(loop: str, stop: float, tmp_path) -> None:
     exported = adaptive_fmu("export", "--composite", loop, "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr
     (file,) = tmp_path.glob("*.fmu")

@@ -54,7 +54,7 @@ def highest(ran, loop: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("loop", ["3.3.1-case1", "3.3.1-case2"])
-def test_the_robots_loop_as_one_unit_has_the_metrics_of_the_continuous_one(ran, loop: str) -> None:
+def test_the_robots_loop_as_a_composite_has_the_metrics_of_the_continuous_one(ran, loop: str) -> None:
     _, table = ran(loop, *WHOLE)
     # In the digits that are printed.
     assert [round(value, 7) for value in tracking(loop, table)] == pytest.approx(TRACKING[loop], abs=1.001e-7)
@@ -62,7 +62,7 @@ def test_the_robots_loop_as_one_unit_has_the_metrics_of_the_continuous_one(ran, 
 
 
 @pytest.mark.parametrize("loop", ["4-case1", "4-case2", "4-case1-fuzzy", "4-case2-fuzzy"])
-def test_the_loop_of_chapter_4_as_one_unit_has_the_metrics_of_the_continuous_one(ran, loop: str) -> None:
+def test_the_loop_of_chapter_4_as_a_composite_has_the_metrics_of_the_continuous_one(ran, loop: str) -> None:
     _, table = ran(loop, *WHOLE)
     assert tracking(loop, table)[0] <= TRACKING[loop][0]
     # In the digits that are given.
@@ -87,7 +87,7 @@ def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one
 
 
 @pytest.mark.parametrize(("loop", "step"), [("3.3.1-case1", 1e-4), ("3.3.1-case2", 1e-3)])
-def test_the_robots_own_step_is_told_to_cost_per_cents_of_its_torques_and_a_quarter_of_it_is_not(ran, loop, step) -> None:
+def test_the_robots_own_step_is_reported_to_cost_per_cents_of_its_torques_and_a_quarter_of_it_is_not(ran, loop, step) -> None:
     for part, flagged in [(1, True), (4, False)]:
         output, table = ran(loop, "--until", 1, "--step", step / part)
         _, whole = ran(loop, "--composite", "--until", 1, "--step", step / part)
@@ -112,7 +112,7 @@ def deviation(ran, loop: str, order: str, step: float, until: float, whole: dict
 
 @pytest.mark.parametrize("order", BOTH)
 @pytest.mark.parametrize("loop", ["3.3.1-case2", "4-case1"])
-def test_smaller_steps_come_nearer_to_the_loop_as_one_unit_in_proportion(ran, loop: str, order: str) -> None:
+def test_smaller_steps_come_nearer_to_the_loop_as_a_composite_in_proportion(ran, loop: str, order: str) -> None:
     _, whole = ran(loop, "--composite", "--until", 2, "--step", 0.002)
     steps = [2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4]
     errors = np.array([deviation(ran, loop, order, step, 2, whole) for step in steps])
@@ -145,7 +145,7 @@ def test_separate_units_that_diverge_end_with_an_error_that_names_a_variable_and
     assert all(np.isfinite(column).all() and np.abs(column).max() <= 1e12 for column in table.values())
 
 
-def test_the_loop_as_one_unit_that_diverges_ends_with_an_error_at_that_time(tmp_path) -> None:
+def test_the_loop_as_a_composite_that_diverges_ends_with_an_error_at_that_time(tmp_path) -> None:
     # Before it escapes it oscillates at 1e8 rad/s: this takes all the substeps that a communication step may have.
     answer = adaptive_fmu("run", "4-case3", "--composite", "--until", 1, "--out", tmp_path)
     assert answer.returncode == 1

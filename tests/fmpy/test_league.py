@@ -269,7 +269,7 @@ def test_a_part_of_a_league_has_no_advice_on_what_was_not_run(tmp_path: Path) ->
         ("step = 0.002", 'step = 0.002\nfault = { "plant.C" = 0.0 }', "no variable `plant.C`"),
     ],
 )
-def test_what_is_wrong_with_a_study_is_told_before_anything_runs(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_what_is_wrong_with_a_study_is_reported_before_anything_runs(tmp_path: Path, old: str, new: str, message: str) -> None:
     file = study(tmp_path)
     text = file.read_text()
     assert old in text
@@ -307,7 +307,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict:
     return json.loads(answer.stdout)
 
 
-def test_results_are_kept_of_all_pairs(results: dict) -> None:
+def test_results_are_stored_for_all_pairs(results: dict) -> None:
     study = tomllib.loads((ROOT / "examples" / "league" / "league.toml").read_text())
     pairs = [f"{plant['name']}/{entry['name']}" for plant in study["plant"] for entry in plant["controller"]]
     assert f"All {len(pairs)} pairs" in (ROOT / "docs" / "league.md").read_text()
@@ -317,7 +317,7 @@ def test_results_are_kept_of_all_pairs(results: dict) -> None:
         assert len(record["spread"]["errors"]) == 100
 
 
-def test_advice_is_borne_out_and_told_alike_everywhere(results: dict) -> None:
+def test_advice_is_confirmed_and_the_same_everywhere(results: dict) -> None:
     """Each branch of the tree holds by the results; the documentation has the tree of the page, with the numbers."""
 
     def tree(lines: list[dict], indent: str) -> Iterator[str]:
@@ -349,7 +349,7 @@ def test_the_readme_quotes_the_results(results: dict) -> None:
     assert sentences in " ".join((ROOT / "README.md").read_text().split()), sentences
 
 
-def test_l1_beside_its_linear_limit_is_as_the_documentation_tells(results: dict) -> None:
+def test_l1_compared_with_its_linear_limit_is_as_documented(results: dict) -> None:
     """Medians of 100 plants; the order statistics 40 and 61 bound them."""
     records = {f"{record['plant']}/{record['controller']}": record for record in results["pairs"]}
 
@@ -384,7 +384,7 @@ def test_the_quadrotors_rotors_keep_their_limits_whoever_controls(results: dict)
     assert max(conditions["nominal"]["outcome"]["peak"][3] for conditions in records.values()) > 0.3
 
 
-def test_plain_mrac_is_as_the_documentation_tells(results: dict) -> None:
+def test_plain_mrac_is_as_documented(results: dict) -> None:
     """The gains that the search found, the margins, and the largest torques of the nominal robot."""
     records = {f"{record['plant']}/{record['controller']}": record for record in results["pairs"]}
     assert [name for name in records if name.endswith("/mrac")] == ["siso/mrac", "robot/mrac", "coupled/mrac"]
@@ -416,7 +416,7 @@ def test_plain_mrac_is_as_the_documentation_tells(results: dict) -> None:
         assert sentence.format(f"{ratio:.2f}") in page, (plant, ratio)
 
 
-def test_each_result_says_when_it_was_computed(results: dict, tmp_path: Path) -> None:
+def test_each_result_has_the_date_of_its_computation(results: dict, tmp_path: Path) -> None:
     dated = {f"{record['plant']}/{record['controller']}": record.get("computed") for record in results["pairs"]}
     new = [pair for pair, day in dated.items() if day is not None]
     assert new == [pair for pair in dated if pair.startswith("quadrotor/") or pair.endswith("/mrac")]
@@ -430,7 +430,7 @@ def test_each_result_says_when_it_was_computed(results: dict, tmp_path: Path) ->
     assert all(day in text for day in shown), shown
 
 
-def test_a_rotor_that_fails_is_borne_as_the_documentation_tells(results: dict) -> None:
+def test_a_rotor_that_fails_is_tolerated_as_documented(results: dict) -> None:
     faults = {
         record["controller"]: record["conditions"]["fault"]["outcome"] for record in results["pairs"] if record["plant"] == "quadrotor"
     }
@@ -441,7 +441,7 @@ def test_a_rotor_that_fails_is_borne_as_the_documentation_tells(results: dict) -
 
 
 @pytest.mark.parametrize("pair", ["siso/ladrc"])
-def test_results_that_are_kept_are_those_that_are_computed(pair: str, results: dict, tmp_path: Path) -> None:
+def test_stored_results_are_those_that_are_computed(pair: str, results: dict, tmp_path: Path) -> None:
     """All of a pair that is quick, again: the search, conditions, margins and random plants."""
     (again,) = league("--only", pair, "--out", tmp_path)
     (kept,) = [record for record in results["pairs"] if f"{record['plant']}/{record['controller']}" == pair]
@@ -461,7 +461,7 @@ def test_a_tag_ends_the_name_of_a_folder(tmp_path: Path) -> None:
     assert refused.returncode == 1 and "but `.` has no name: give a folder with a name" in refused.stderr, refused.stderr
 
 
-def test_a_pair_that_is_not_there_is_told_with_near_ones(tmp_path: Path) -> None:
+def test_a_pair_that_is_not_there_is_reported_with_near_ones(tmp_path: Path) -> None:
     answer = adaptive_fmu("league", "--only", "robot/pd", "--out", tmp_path / "out")
     assert answer.returncode == 1 and "`robot/pd`" in answer.stderr and "robot/pid" in answer.stderr, answer.stderr
 

@@ -135,7 +135,7 @@ def test_the_plant_has_the_jacobian_of_its_equations() -> None:
     assert (linear["C"], linear["D"]) == ([[1, 0], [0, 1], [1, 0]], [[0], [0], [0]])
 
 
-def test_the_operating_point_is_that_of_a_simulation_with_held_inputs(unit, fmu_folder) -> None:
+def test_the_operating_point_is_that_of_a_simulation_with_constant_inputs(unit, fmu_folder) -> None:
     plant = unit(PLANT).start(**{"u[1]": -0.4})
     for k in range(75):
         plant.step(k * 0.01, 0.01)
@@ -165,7 +165,7 @@ def test_the_steady_state_at_another_time_is_that_of_the_equations_then() -> Non
     assert values(linear["states"]) == pytest.approx([root, 0.0], abs=1e-9)
 
 
-def test_of_many_steady_states_one_is_found_and_it_is_said_so(fmu, fmu_folder) -> None:
+def test_of_many_steady_states_one_is_found_and_it_is_reported(fmu, fmu_folder) -> None:
     start = {"r[1]": 1.0, "x[1]": 1.0}
     linear = linearise(fmu_folder / f"{CONTROLLER}.fmu", "--steady-state", **start)
     assert (linear["unique"], np.linalg.matrix_rank(linear["A"]) < len(linear["states"])) == (False, True)
@@ -178,7 +178,7 @@ def test_of_many_steady_states_one_is_found_and_it_is_said_so(fmu, fmu_folder) -
     assert answer.returncode == 0 and "A is singular" in answer.stdout
 
 
-def test_where_there_is_no_steady_state_what_remains_is_told() -> None:
+def test_where_there_is_no_steady_state_what_remains_is_reported() -> None:
     # 2 u + sin u sin x1 + x1² > 0 for u = 1.
     assert "der(x[2])" in (error := fails(PLANT, "--steady-state", "--set", "u[1]=1")) and "steady state" in error
     # The controller's reference asks for another output than the one that its inputs hold.
@@ -242,7 +242,7 @@ def blocks(fmu: Fmu, part: dict) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("time", ["0", "0.5"])
-def test_a_whole_loop_is_linearised_as_its_units_closed(time: str, fmu) -> None:
+def test_a_composite_is_linearised_as_its_units_closed(time: str, fmu) -> None:
     loop = linearise(LOOPS[0], "--at", time, **{"plant.x0[1]": 0.4, "plant.x0[2]": -0.3})
     assert (names(loop["inputs"]), loop["time"]) == (["controller.u_manual[1]"], float(time))
     assert (loop["unique"], loop["steady_state"]) == (None, False)
@@ -307,7 +307,7 @@ def test_an_fmu_without_model_exchange_has_no_steady_state(fmu_folder: Path, tmp
     assert "model exchange" in fails(other, "--steady-state")
 
 
-def test_what_cant_be_linearised_is_told(tmp_path: Path) -> None:
+def test_what_cant_be_linearised_is_reported(tmp_path: Path) -> None:
     error = fails("NonlinearSisso")
     assert all(word in error for word in ["FMU or loop", "NonlinearSisso", "did you mean `NonlinearSiso`?"])
     assert "gone.fmu" in fails(tmp_path / "gone.fmu")

@@ -115,7 +115,7 @@ def test_metrics_are_of_all_points(long_run) -> None:
     assert mean == pytest.approx(np.sqrt(np.mean(of_rows**2)), rel=1e-12)
 
 
-def test_the_page_tells_how_many_points_it_draws_and_loses_no_peak(long_run) -> None:
+def test_the_page_states_how_many_points_it_draws_and_loses_no_peak(long_run) -> None:
     results, _, table = long_run
     drawn, page = metrics_of(results)["drawn"], (results / "index.html").read_text()
     assert drawn["of"] == LONG + 1 and 20_000 < drawn["points"] < LONG / 10
@@ -129,7 +129,7 @@ def test_the_page_tells_how_many_points_it_draws_and_loses_no_peak(long_run) -> 
         assert y == pytest.approx(of_run, rel=1e-5, abs=1e-5), curve["name"]
 
 
-def test_fewer_rows_are_those_of_a_run_that_is_kept(long_run, words, tmp_path: Path) -> None:
+def test_fewer_rows_are_those_of_a_run_in_memory(long_run, words, tmp_path: Path) -> None:
     table = long_run[2]
     results, _ = ran(words(LONG), tmp_path, "--every", 0.7004)
     few = read(results)

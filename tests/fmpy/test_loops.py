@@ -112,7 +112,7 @@ def test_other_masters_find_their_annotations_first_and_attributes_where_they_re
     assert root.get("name").replace("_", "").isalnum() and root.get("name")[0].isalpha()
 
 
-def test_a_value_that_other_masters_leave_out_is_told_when_a_loop_is_packed(loop, tmp_path) -> None:
+def test_a_value_that_other_masters_leave_out_is_reported_when_a_loop_is_packed(loop, tmp_path) -> None:
     # The FMU starts with the cosine.
     parameter = '<ssv:Parameter name="signal"><ssv:Enumeration value="square"/></ssv:Parameter></ssv:Parameters>'
     change(loop / "reference.ssv", "</ssv:Parameters>", parameter)

@@ -142,7 +142,7 @@ def test_a_program_that_is_not_there_is_no_failure(monkeypatch, capsys) -> None:
     assert "not found" in capsys.readouterr().out
 
 
-def test_a_master_that_cannot_be_run_has_failed_and_says_why(monkeypatch, capsys) -> None:
+def test_a_master_that_cannot_be_run_has_failed_with_the_reason(monkeypatch, capsys) -> None:
     monkeypatch.setattr(units, "IMPORTER", ROOT / "no importer")
     monkeypatch.setattr(sys, "argv", ["run", "--quick", "--master", "fmi (Rust) CS", "Sensor"])
     assert matrix.main() == 1

@@ -100,7 +100,7 @@ def whole(run, loop: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("loop", CONTINUOUS)
-def test_as_one_unit_a_loop_has_the_metrics_of_the_continuous_one(run, loop: str) -> None:
+def test_as_a_composite_a_loop_has_the_metrics_of_the_continuous_one(run, loop: str) -> None:
     found = whole(run, loop)
     for label, text in CONTINUOUS[loop].items():
         digits, exponent = text.split("e")
@@ -118,7 +118,7 @@ def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_continuous_one
 
 
 @pytest.mark.parametrize("loop", CONTINUOUS)
-def test_a_loop_keeps_its_limits_and_tells_of_a_step_that_is_too_long(run, loop: str) -> None:
+def test_a_loop_keeps_its_limits_and_warns_of_a_step_that_is_too_long(run, loop: str) -> None:
     output = run(loop)
     limits = [metric for metric in output["metrics"] if metric["limit"] is not None]
     assert limits and all(metric["value"] <= metric["limit"] for metric in limits)
@@ -127,7 +127,7 @@ def test_a_loop_keeps_its_limits_and_tells_of_a_step_that_is_too_long(run, loop:
 
 @pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("loop", ["3.3.2-case1", "3.4.1", "3.4.2", "6.5.1-l1"])
-def test_smaller_steps_come_nearer_to_the_loop_as_one_unit_in_proportion(run, loop: str, order: str) -> None:
+def test_smaller_steps_come_nearer_to_the_loop_as_a_composite_in_proportion(run, loop: str, order: str) -> None:
     one = table(run(loop, "--composite", "--until", 1, "--step", 0.002))
     # Beyond them the quadrotor's errors have several parts of one size.
     steps = [5e-4, 2.5e-4, 1e-4]

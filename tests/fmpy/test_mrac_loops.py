@@ -48,7 +48,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     return dict(zip(names, np.array(rows).T, strict=True))
 
 
-def test_as_one_unit_the_error_is_a_hundred_millionth_of_the_state(whole) -> None:
+def test_as_a_composite_the_error_is_a_hundred_millionth_of_the_state(whole) -> None:
     for i, start in zip(CHANNELS, (0.3, 0.4, 0.2), strict=True):
         parts = np.abs(whole[f"controller.e[{i}]"] / whole[f"controller.rho[{i}]"])
         assert parts.argmax() == 0 and parts[0] == pytest.approx(start, abs=1e-12)
@@ -58,7 +58,7 @@ def test_as_one_unit_the_error_is_a_hundred_millionth_of_the_state(whole) -> Non
         assert np.abs(difference - whole[f"controller.e[{i}]"]).max() < 1e-14
 
 
-def test_as_one_unit_the_control_has_the_peaks_of_the_continuous_loop(tmp_path: Path) -> None:
+def test_as_a_composite_the_control_has_the_peaks_of_the_continuous_loop(tmp_path: Path) -> None:
     _, table = run("6.5.1-mrac", tmp_path, "--composite", "--until", 0.1, "--step", 1e-5)
     assert peaks(table) == pytest.approx([178.7, 326.6, 194.0], rel=2e-3)
     _, table = run("6.5.2-mrac", tmp_path, "--composite", "--until", 0.01, "--step", 1e-6)
@@ -74,7 +74,7 @@ def test_with_the_sign_of_the_adaptation_that_is_printed_here_the_nonlinear_loop
     assert output["ended"] == "complete" and largest[1] == pytest.approx(0.903, abs=2e-3) and max(largest) < 1
 
 
-def test_a_model_that_starts_from_rest_loses_the_nonlinear_loop_at_once_and_the_error_says_so(tmp_path: Path) -> None:
+def test_a_model_that_starts_from_rest_loses_the_nonlinear_loop_immediately_with_an_error(tmp_path: Path) -> None:
     at_rest = [word for i in CHANNELS for word in ("--set", f"controller.x_m0[{i}]=0")]
     answer = adaptive_fmu("run", "6.5.2-mrac", "--composite", *at_rest, "--out", tmp_path)
     assert answer.returncode == 1 and "controller.e[2] = " in answer.stderr and "left its funnel" in answer.stderr

@@ -78,7 +78,7 @@ def rooms(stop: float) -> tuple[np.ndarray, list[float]]:
 
 
 @pytest.mark.parametrize("interface", ["CoSimulation", "ModelExchange"])
-def test_an_oscillator_of_ones_own_moves_as_scipy_says(mine, interface: str) -> None:
+def test_an_own_oscillator_moves_as_scipy_computes(mine, interface: str) -> None:
     exact = solve_ivp(van_der_pol, (0.0, 10.0), [2.0, 0.0], t_eval=np.linspace(0, 10, 101), rtol=1e-11, atol=1e-11)
     options = {"solver": "CVode", "relative_tolerance": 1e-9} if interface == "ModelExchange" else {}
     path = str(mine["VanDerPol"].path)
@@ -87,7 +87,7 @@ def test_an_oscillator_of_ones_own_moves_as_scipy_says(mine, interface: str) -> 
 
 
 @pytest.mark.parametrize("interface", ["CoSimulation", "ModelExchange"])
-def test_rooms_of_ones_own_are_heated_and_switched_as_scipy_says(mine, interface: str) -> None:
+def test_own_rooms_are_heated_and_switched_as_scipy_computes(mine, interface: str) -> None:
     temperatures, switched = rooms(14400.0)
     assert len(switched) > 10 and all(time % STEP > 1e-3 for time in switched), "events lie inside of steps"
     names = [f"temperature[{k}]" for k in (1, 2, 3)]
@@ -128,7 +128,7 @@ METHODS = [("explicit", 1e-3), ("stiff", 1e-6), ("automatic", 1e-9)]
 
 @pytest.mark.parametrize("step", [0.001, 0.0137, 0.1, 1.0, 4.0])
 @pytest.mark.parametrize(("method", "tolerance"), METHODS, ids=[method for method, _ in METHODS])
-def test_a_ball_of_ones_own_bounces_as_the_closed_form_says_and_comes_to_rest(mine, method: str, tolerance: float, step: float) -> None:
+def test_an_own_ball_bounces_by_the_closed_form_and_comes_to_rest(mine, method: str, tolerance: float, step: float) -> None:
     """Its flights last v, .7 v, .49 v … (2/g): the bounce that leaves at most 1 mm/s is the last."""
     g, restitution = 9.81, 0.7
     speeds, bounces = [np.sqrt(2 * g)], [np.sqrt(2 / g)]
@@ -244,7 +244,7 @@ def test_the_macro_refuses_what_would_make_a_wrong_library(tmp_path, models: str
     assert answer.returncode != 0 and message in answer.stderr, answer.stderr
 
 
-def test_a_library_may_hold_models_of_this_package_beside_its_own(tmp_path: Path) -> None:
+def test_a_library_may_contain_models_of_this_package_in_addition_to_its_own(tmp_path: Path) -> None:
     models = "[VanDerPol, adaptive_fmu_models::plants::two_link_robot::TwoLinkRobot]"
     answer = crate(tmp_path / "my_plant", models, f'adaptive-fmu-models = {{ path = "{ROOT}" }}')
     assert answer.returncode == 0, answer.stderr

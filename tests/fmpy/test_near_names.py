@@ -31,7 +31,7 @@ MEANT = [
 @pytest.mark.parametrize(
     ("arguments", "name", "many"), MEANT, ids=lambda value: " ".join(value) if isinstance(value, list) else ""
 )
-def test_a_wrong_name_tells_which_was_meant(arguments: list[str], name: str, many: bool, tmp_path: Path) -> None:
+def test_the_message_on_a_wrong_name_suggests_the_right_one(arguments: list[str], name: str, many: bool, tmp_path: Path) -> None:
     error = fails(*arguments, folder=tmp_path)
     assert f"did you mean `{name}`?" in error
     listed = error.split("There are: ")[1]
@@ -51,7 +51,7 @@ def test_a_wrong_name_tells_which_was_meant(arguments: list[str], name: str, man
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_a_wrong_index_tells_the_range(arguments: list[str], range: str, tmp_path: Path) -> None:
+def test_the_message_on_a_wrong_index_has_the_range(arguments: list[str], range: str, tmp_path: Path) -> None:
     assert range in fails(*arguments, folder=tmp_path)
 
 
@@ -74,7 +74,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("before", "after", "words"), WRONG, ids=[after for _, after, _ in WRONG])
-def test_what_is_wrong_in_a_description_is_told_with_its_line(before: str, after: str, words: list[str], tmp_path: Path) -> None:
+def test_an_error_in_a_description_is_reported_with_its_line(before: str, after: str, words: list[str], tmp_path: Path) -> None:
     text = DESCRIPTION.replace(before, after, 1)
     assert text != DESCRIPTION
     (tmp_path / "mine.toml").write_text(text)
@@ -95,7 +95,7 @@ SET = """<?xml version="1.0"?>
 """
 
 
-def test_what_is_wrong_in_a_parameter_set_is_told_with_its_line(tmp_path: Path) -> None:
+def test_what_is_wrong_in_a_parameter_set_is_reported_with_its_line(tmp_path: Path) -> None:
     (file := tmp_path / "mine.ssv").write_text(SET.format("plant.omgea", 1))
     assert re.search(r"mine.ssv: line 4: .*did you mean `omega`\?", fails("run", LOOP, "--case", file, folder=tmp_path))
     file.write_text(SET.format("controller.relative_tolerance", 3))
@@ -114,7 +114,7 @@ def test_what_is_wrong_in_a_parameter_set_is_told_with_its_line(tmp_path: Path) 
     assert "did you mean `reference.ssv`?" in error
 
 
-def test_what_is_wrong_in_a_loop_is_told_with_its_line_and_what_was_meant(tmp_path: Path) -> None:
+def test_what_is_wrong_in_a_loop_is_reported_with_its_line_and_what_was_meant(tmp_path: Path) -> None:
     text = (ROOT / "examples" / LOOP / "SystemStructure.ssd").read_text()
     (tmp_path / "reference.ssv").write_text((ROOT / "examples" / LOOP / "reference.ssv").read_text())
     file = tmp_path / "SystemStructure.ssd"
@@ -130,7 +130,7 @@ def test_what_is_wrong_in_a_loop_is_told_with_its_line_and_what_was_meant(tmp_pa
 
 
 @pytest.mark.parametrize("command", ["check", "run"])
-def test_a_file_that_is_none_is_said_to_be_there(command: str, tmp_path: Path) -> None:
+def test_a_path_that_is_no_file_is_reported(command: str, tmp_path: Path) -> None:
     file = tmp_path / "plant.json"
     file.write_text("{}")
     assert f"named `{file}` (the file or folder of this name is not one); " in fails(command, file)

@@ -63,7 +63,7 @@ def peaks(loop: str, table: dict[str, np.ndarray]) -> list[float]:
 
 
 @pytest.mark.parametrize("loop", TRACKING)
-def test_the_loop_as_one_unit_tracks_like_the_continuous_one(ran, loop: str) -> None:
+def test_the_loop_as_a_composite_tracks_like_the_continuous_one(ran, loop: str) -> None:
     _, table = ran(loop, *WHOLE)
     # In the digits that are printed.
     digits = KNOWN_TO[loop]
@@ -72,7 +72,7 @@ def test_the_loop_as_one_unit_tracks_like_the_continuous_one(ran, loop: str) -> 
 
 
 @pytest.mark.parametrize("loop", PEAKS)
-def test_the_loop_as_one_unit_has_the_controls_of_the_continuous_one(ran, loop: str) -> None:
+def test_the_loop_as_a_composite_has_the_controls_of_the_continuous_one(ran, loop: str) -> None:
     _, table = ran(loop, *WHOLE)
     # Finer points of the start too: those of a whole run may miss a peak.
     _, start = ran(loop, "--composite", "--until", 0.3, "--step", 1e-5)
@@ -80,7 +80,7 @@ def test_the_loop_as_one_unit_has_the_controls_of_the_continuous_one(ran, loop: 
     assert [float(f"{value:.4g}") for value in highest] == list(PEAKS[loop])
 
 
-def test_the_estimate_is_as_good_as_it_is_said_to_be(ran) -> None:
+def test_the_estimate_is_as_good_as_reported(ran) -> None:
     _, table = ran("7.5.1", *WHOLE)
     assert [round(error, 4) for error in estimation(table, range(1, 3))] == [0.0242, 0.0298]
     assert round(table["observer.beta"].max(), 1) == 7.0
@@ -108,7 +108,7 @@ def test_at_its_own_step_a_loop_of_separate_units_tracks_like_the_whole_and_keep
 
 @pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("loop", ["7.5.1", "7.5.2"])
-def test_smaller_steps_come_nearer_to_the_loop_as_one_unit_in_proportion(ran, loop: str, order: str) -> None:
+def test_smaller_steps_come_nearer_to_the_loop_as_a_composite_in_proportion(ran, loop: str, order: str) -> None:
     _, whole = ran(loop, "--composite", "--until", 2, "--step", 0.002)
     steps, errors = [1e-3, 5e-4, 2.5e-4, 1e-4], []
     for step in steps:
@@ -128,7 +128,7 @@ def test_the_robots_loop_may_run_longer(ran) -> None:
     assert len(errors) == 2 and max(errors) < 0.06
 
 
-def test_an_observer_moves_as_its_equations_say(fmu) -> None:
+def test_an_observer_moves_by_its_equations(fmu) -> None:
     times, y = np.linspace(0, 1, 51), np.array([0.4, -0.7])
     C, chains, B = np.hstack([np.eye(2), np.eye(2) / 60]), np.eye(4, k=2), np.vstack([np.zeros((2, 2)), np.eye(2)])
     # The poles of each joint: s² + (k1 + k2/60) s + k2.

@@ -27,7 +27,7 @@ def metrics(folder: Path, controller: str, *options: str) -> tuple[list[float], 
     ("controller", "largest"),
     [("LadrcTwoLinkRobot", [51.9, 4.36]), ("L1LimitTwoLinkRobot", [113.4, 88.9]), ("L1SampledTwoLinkRobot", [149.2, 54.9])],
 )
-def test_a_law_controls_the_robot_as_one_unit(controller: str, largest: list[float], tmp_path: Path) -> None:
+def test_a_law_controls_the_robot_as_a_composite(controller: str, largest: list[float], tmp_path: Path) -> None:
     errors, controls = metrics(tmp_path, controller, "--composite", "--step", "0.001")
     assert max(errors) < 0.1
     assert controls == pytest.approx(largest, rel=5e-3)

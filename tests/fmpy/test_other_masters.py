@@ -57,7 +57,7 @@ def test_every_output_has_the_value_that_it_has_in_fmpy_at_every_communication_p
 
 
 @pytest.mark.parametrize("name", ["6.5.2-mrac", "6.5.2-l1"])
-def test_masters_differ_by_amplified_rounding_as_far_as_the_page_says(name: str, tmp_path: Path) -> None:
+def test_masters_differ_by_amplified_rounding_as_far_as_documented(name: str, tmp_path: Path) -> None:
     exported = adaptive_fmu("export", "--ssp", name, "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr
     package = Package(tmp_path / f"{name}.ssp", tmp_path / "unpacked")

@@ -155,7 +155,7 @@ def test_the_output_follows_a_step_and_stays(drive: Drive, closed) -> None:
 
 
 @DRIVES
-def test_check_says_what_the_worst_plant_does(drive: Drive, begun) -> None:
+def test_check_reports_what_the_worst_plant_does(drive: Drive, begun) -> None:
     output = json.loads(adaptive_fmu("check", begun(drive) / f"{drive.name}Controller.toml", "--json").stdout)
     found = {finding["name"]: finding["value"] for finding in output["findings"] if finding["section"] == "Uncertain plants"}
     assert (found["settling time"], found["overshoot"] / 100) == pytest.approx(drive.worst, rel=0.01)
@@ -194,7 +194,7 @@ def test_a_control_at_its_limit_is_respected_and_does_not_wind_up(drive: Drive, 
 
 @DRIVES
 @pytest.mark.parametrize("form", [[], ["--composite"]], ids=["separate", "whole"])
-def test_run_exports_the_units_whose_descriptions_lie_beside_the_loop(
+def test_run_exports_the_fmus_whose_descriptions_are_next_to_the_loop(
     drive: Drive, form: list[str], tmp_path: Path
 ) -> None:
     ran = adaptive_fmu("run", OWN / drive.folder, *form, "--json", "--out", tmp_path)
@@ -228,7 +228,7 @@ def test_the_model_on_the_page_is_the_one_that_lies_ready() -> None:
     assert json.loads(block) == json.loads((OWN / "dc_motor" / "model.json").read_text())
 
 
-def test_new_overwrites_nothing_unless_it_is_told_to(tmp_path: Path) -> None:
+def test_new_overwrites_nothing_unless_forced(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("mine")
     refused = adaptive_fmu("new", "l1", "--name", "Mine", "--out", file)
@@ -318,7 +318,7 @@ def test_an_editor_finds_a_wrong_key_or_item(old: str, new: str) -> None:
     assert wrong(text.replace(old, new, 1)) != []
 
 
-def test_what_new_writes_names_the_schema_beside_it(begun) -> None:
+def test_what_new_writes_names_the_schema_next_to_it(begun) -> None:
     folder = begun(MOTOR)
     first = (folder / "DcMotorController.toml").read_text().splitlines()[0]
     assert first == "#:schema ./description.schema.json"

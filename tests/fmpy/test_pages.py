@@ -78,7 +78,7 @@ def exported(tmp_path: Path, text: str, *options: str) -> Path:
     return Path(answer.stdout.split()[-1])
 
 
-def test_a_page_tells_what_is_asked_for_first_first(each_fmu: Fmu) -> None:
+def test_a_page_shows_what_is_asked_for_first_first(each_fmu: Fmu) -> None:
     page = page_of(each_fmu.path)
     found = sections(page)
     assert found == [name for name in ORDER if name in found] and set(found) >= ALWAYS
@@ -89,7 +89,7 @@ def test_a_page_names_every_pin_in_its_diagram(each_fmu: Fmu) -> None:
     assert set(pins_of(each_fmu)) - in_diagram(page_of(each_fmu.path)) == set()
 
 
-def test_a_loops_units_tell_their_partners_and_what_to_connect(fmu: Callable[[str], Fmu]) -> None:
+def test_the_pages_of_a_loop_show_partners_and_what_to_connect(fmu: Callable[[str], Fmu]) -> None:
     page = page_of(fmu("L1TwoLinkRobot").path)
     assert {"reference", "plant", "controller", "TwoLinkRobot"} <= in_diagram(page)
     rows = [[cell.text_content().strip() for cell in row] for row in page.xpath("//th[.='connect']/ancestor::table//tr")]
@@ -190,7 +190,7 @@ def test_a_page_has_what_a_description_of_ones_own_asks_for(tmp_path: Path) -> N
     assert members == {"wanted": "r[1]", "angle": "x[1]", "speed": "x[2]", "u[1]": "u[1]"}
 
 
-def test_a_whole_loop_shows_its_parts(tmp_path: Path) -> None:
+def test_a_composite_shows_its_parts(tmp_path: Path) -> None:
     answer = adaptive_fmu("export", "--composite", "3.2.1-cosine", "--out", tmp_path)
     assert answer.returncode == 0, answer.stderr
     page = page_of(tmp_path / "Loop_3_2_1_cosine.fmu")
@@ -199,7 +199,7 @@ def test_a_whole_loop_shows_its_parts(tmp_path: Path) -> None:
     assert "response" in sections(page) and "unmatched" not in section(page, "law").lower()
 
 
-def test_no_limit_is_told_as_such(fmu: Callable[[str], Fmu]) -> None:
+def test_no_limit_is_reported_as_such(fmu: Callable[[str], Fmu]) -> None:
     page = page_of(fmu("L1NonlinearSiso").path)
     assert "no limit" in section(page, "gains") and "1000000000000000" not in page.text_content()
 

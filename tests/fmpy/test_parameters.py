@@ -114,7 +114,7 @@ def test_an_invalid_set_is_refused_and_the_loop_goes_on_as_if_it_had_never_been_
     assert loop.run(1.0, STEP, first=500).same_as(other.run(1.0, STEP, first=500))
 
 
-def test_of_several_reasons_every_one_is_told(loop: ClosedLoop) -> None:
+def test_of_several_reasons_every_one_is_reported(loop: ClosedLoop) -> None:
     controller = controller_of(loop)
     controller["A_m[2,1]"] = 1.0
     controller["omega_max[1,1]"] = 0.2
@@ -143,7 +143,7 @@ def test_a_fixed_parameter_is_refused_once_the_simulation_has_started(unit, name
     assert instance[variable] == set_before
 
 
-def test_what_is_wrong_at_the_start_is_told_there(unit) -> None:
+def test_what_is_wrong_at_the_start_is_reported_there(unit) -> None:
     controller = unit(CONTROLLER, **{"A_m[2,2]": 1.4})
     controller.slave.setupExperiment()
     controller.slave.enterInitializationMode()

@@ -56,7 +56,7 @@ def parameters(robot: Robot) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("robot", [Robot(), OTHER, Robot(inertia_variation=True)], ids=["thesis", "other", "varying"])
-def test_the_robot_accelerates_as_its_lagrangian_says(fmu, robot: Robot) -> None:
+def test_the_robot_accelerates_by_its_lagrangian(fmu, robot: Robot) -> None:
     random = np.random.default_rng(5)
     with begun(fmu("TwoLinkRobot"), **parameters(robot)) as unit:
         for _ in range(200):
@@ -68,7 +68,7 @@ def test_the_robot_accelerates_as_its_lagrangian_says(fmu, robot: Robot) -> None
 
 
 @pytest.mark.parametrize("robot", [Robot(), OTHER, Robot(inertia_variation=True)], ids=["thesis", "other", "varying"])
-def test_the_robot_moves_as_its_lagrangian_says(fmu, robot: Robot) -> None:
+def test_the_robot_moves_by_its_lagrangian(fmu, robot: Robot) -> None:
     times, u = np.linspace(0, 5, 101), np.array([4.0, -1.5])
     start = {"x0[1]": -0.7, "x0[2]": 1.1, "x0[3]": 0.6, "x0[4]": -2.0}
     unit = moved(fmu("TwoLinkRobot"), X[:4], times, {"u[1]": u[0], "u[2]": u[1]}, **start, **parameters(robot))
@@ -93,7 +93,7 @@ def test_the_actuated_system_has_the_printed_uncertainty(fmu, number: int) -> No
 
 @pytest.mark.parametrize("number", [1, 2, 3])
 @pytest.mark.parametrize("start", [0.0, 7.0])
-def test_the_actuated_system_moves_as_its_equations_say(fmu, number: int, start: float) -> None:
+def test_the_actuated_system_moves_by_its_equations(fmu, number: int, start: float) -> None:
     times = start + np.linspace(0, 0.6, 61)
     names = ["x[1]", "x[2]", "mu", "y[1]"]
     initial = {"x0[1]": 0.4, "x0[2]": -0.3, "mu0": 0.2}
@@ -137,7 +137,7 @@ def test_the_actuated_systems_reference_is_that_of_its_chapter(fmu, signal: str)
 
 
 @pytest.mark.parametrize("secant", [False, True])
-def test_the_system_with_unmatched_uncertainty_moves_as_its_equations_say(fmu, secant: bool) -> None:
+def test_the_system_with_unmatched_uncertainty_moves_by_its_equations(fmu, secant: bool) -> None:
     times, u = 2.0 + np.linspace(0, 10, 101), np.array([0.4, -0.3])
     start = {"x0[1]": 0.3, "x0[2]": -0.5, "x0[3]": 0.2, "x_z0[1]": 0.7, "x_z0[2]": -1.2}
     names = [*X[:3], "x_z[1]", "x_z[2]"]
@@ -149,7 +149,7 @@ def test_the_system_with_unmatched_uncertainty_moves_as_its_equations_say(fmu, s
     assert np.abs(unit - expected[:, :5]).max() < 1e-7
 
 
-def test_the_twin_rotor_moves_as_its_equations_say(fmu) -> None:
+def test_the_twin_rotor_moves_by_its_equations(fmu) -> None:
     times, u = np.linspace(0, 10, 101), np.array([1.2, -0.7])
     start = {f"x0[{i + 1}]": value for i, value in enumerate((-0.4, 0.3, 0.1, 1.5, -0.2, 0.3))}
     unit = moved(fmu("TwinRotor"), X, times, {"u[1]": u[0], "u[2]": u[1]}, **start)

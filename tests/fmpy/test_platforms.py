@@ -82,7 +82,7 @@ def test_the_library_asks_for_an_old_glibc_though_it_was_built_with_the_one_here
     assert glibc(library) <= OLDEST_GLIBC
 
 
-def test_a_library_that_is_told_no_resources_finds_them_by_its_own_path(fmu) -> None:
+def test_a_library_without_a_resource_location_finds_resources_by_its_own_path(fmu) -> None:
     plant = fmu(PLANT)
     for name in (PLANT, "L1TwoLinkRobot"):
         unit = fmu(name)
@@ -102,7 +102,7 @@ def asked(fmu: Path) -> dict[str, dict[str, str]]:
     return json.loads(adaptive_fmu("info", fmu, "--json").stdout)["binaries"]
 
 
-def test_info_tells_what_the_library_in_an_fmu_asks_for(fmu, library: Path) -> None:
+def test_info_shows_what_the_library_in_an_fmu_asks_for(fmu, library: Path) -> None:
     version = ".".join(map(str, glibc(library)))
     place = f"binaries/linux64/{PLANT}.so"
     assert asked(fmu(PLANT).path) == {place: {"processor": "x86-64", "glibc": version}}
@@ -130,7 +130,7 @@ def of_arm(library: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("version", ["2.17", "2.18", "2.41"])
-def test_an_export_tells_what_a_library_asks_for_if_old_systems_lack_it(version: str, of_arm, tmp_path: Path) -> None:
+def test_an_export_reports_what_a_library_needs_if_old_systems_lack_it(version: str, of_arm, tmp_path: Path) -> None:
     library, out = of_arm(version), tmp_path / "out"
     answer = adaptive_fmu("export", PLANT, "--library", library, "--out", out)
     assert answer.returncode == 0 and answer.stdout == f"{out}/{PLANT}.fmu\n"
@@ -225,7 +225,7 @@ def test_a_library_that_does_not_fit_is_refused_and_nothing_is_written(foreign, 
     assert "which FMUs do not support" in refusal(foreign("d.wasm", "wasm32-unknown-unknown"), out=out)
 
 
-def test_what_was_built_beside_the_program_of_the_same_sources_goes_into_every_fmu(foreign, library, tmp_path) -> None:
+def test_what_was_built_next_to_the_program_of_the_same_sources_goes_into_every_fmu(foreign, library, tmp_path) -> None:
     """Libraries for other targets lie where cargo leaves them; one for older systems takes the place of this one's."""
     target = tmp_path / "target"
     built = {
@@ -287,7 +287,7 @@ def test_an_archive_closes_a_loop_without_rust(unpacked: Path) -> None:
     assert "max |u|" in without_rust(unpacked, "run", "3.2.1-cosine")
 
 
-def test_an_archive_holds_what_its_checksums_and_licences_say(unpacked: Path) -> None:
+def test_an_archive_contains_what_its_checksums_and_licences_list(unpacked: Path) -> None:
     assert (
         "FAILED"
         not in subprocess.run(

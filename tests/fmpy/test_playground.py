@@ -161,7 +161,7 @@ def test_a_quick_answer_has_the_nominal_figures_of_the_whole_one(asker: Asker) -
         assert [it["title"] for it in quick["pictures"]] == [it["title"] for it in whole["pictures"]]
 
 
-def test_start_values_that_were_changed_act_and_what_is_refused_is_said(asker: Asker) -> None:
+def test_start_values_that_were_changed_act_and_what_is_refused_is_reported(asker: Asker) -> None:
     plain = asker.design(MOTOR, "pid", bandwidth=20.0)
     gain = next(it for it in plain["parameters"] if it["name"].startswith("K_i"))
     changed = asker.design(MOTOR, "pid", bandwidth=20.0, values={gain["name"]: 2 * gain["value"]})

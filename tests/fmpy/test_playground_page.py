@@ -219,7 +219,7 @@ def test_a_narrow_screen_shows_everything_without_scrolling_aside(page: Callable
     assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_python_writes_the_page_or_says_what_is_missing(tmp_path: Path) -> None:
+def test_python_writes_the_page_or_reports_what_is_missing(tmp_path: Path) -> None:
     built = (ROOT / "target/wasm32-unknown-unknown/browser/adaptive_fmu.wasm").is_file()
     if built:
         assert adaptive_fmu_python.playground(tmp_path / "page", open=False) == tmp_path / "page" / "index.html"

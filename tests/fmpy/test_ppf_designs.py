@@ -109,7 +109,7 @@ def test_a_dead_time_and_an_input_gain_of_the_other_sign_are_refused_with_the_re
         assert (ran.returncode == 0) if reason is None else (ran.returncode == 1 and reason in ran.stderr), ran.stderr
 
 
-def test_an_observer_is_told_what_uncertain_plants_leave_of_its_error_at_rest(tmp_path: Path):
+def test_an_observer_reports_what_uncertain_plants_leave_of_its_error_at_rest(tmp_path: Path):
     rng = np.random.default_rng(NUMBER + 1)
     A, B, C = np.array([[-1.0, 2.0], [-3.0, -rng.uniform(2, 6)]]), np.array([[0.0], [rng.uniform(1, 3)]]), np.array([[1.0, 0.0]])
     plant = {"A": A.tolist(), "B": B.tolist(), "C": C.tolist()}

@@ -19,7 +19,7 @@ def values(output: dict, label: str) -> list[float]:
 
 
 @pytest.mark.parametrize("loop", CHANNELS)
-def test_as_one_unit_every_error_stays_within_its_funnel(ran, loop: str) -> None:
+def test_as_a_composite_every_error_stays_within_its_funnel(ran, loop: str) -> None:
     output, _ = ran(loop, *WHOLE)
     parts = values(output, "/rho")
     assert output["ended"] == "complete" and len(parts) == CHANNELS[loop] and max(parts) < 1
@@ -34,14 +34,14 @@ def test_the_robots_errors_never_overshoot(ran, loop: str, end: float) -> None:
         assert (error > 0).all() and (error < rho).all()
 
 
-def test_as_one_unit_the_robots_loop_has_the_figures_of_the_continuous_one(ran) -> None:
+def test_as_a_composite_the_robots_loop_has_the_figures_of_the_continuous_one(ran) -> None:
     output, _ = ran("5", *WHOLE)
     assert np.round(values(output, "t >= 5 s"), 5).tolist() == list(ROBOT_ERRORS)
     assert np.round(values(output, "max |u"), 2).tolist() == list(ROBOT_PEAKS)
 
 
 @pytest.mark.parametrize("loop", PARTS)
-def test_as_one_unit_the_coupled_loops_have_the_figures_of_the_continuous_ones(ran, loop: str) -> None:
+def test_as_a_composite_the_coupled_loops_have_the_figures_of_the_continuous_ones(ran, loop: str) -> None:
     output, _ = ran(loop, *WHOLE)
     assert np.round(values(output, "/rho"), 2).tolist() == list(PARTS[loop])
 
@@ -69,7 +69,7 @@ def lost(fmu_folder: Path, out: Path, *options: str | float) -> tuple[str, float
 
 
 @pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
-def test_held_signals_lose_the_robots_narrow_funnel_and_the_error_says_so(fmu_folder, tmp_path, order: str) -> None:
+def test_sampled_signals_lose_the_robots_narrow_funnel_with_an_error(fmu_folder, tmp_path, order: str) -> None:
     error, end = lost(fmu_folder, tmp_path, "--order", order)
     assert "left its funnel" in error
     assert all(word in error for word in ("e[1]", "rho_inf[1]", "smaller communication step"))

@@ -60,7 +60,7 @@ def test_packages_have_one_version_and_ask_for_each_other_by_it(name: str) -> No
     assert [needed["req"] for needed in own] == [f"^{package['version']}"] * len(own)
 
 
-def test_the_changelog_tells_the_version_of_the_packages_and_dates() -> None:
+def test_the_changelog_has_the_version_of_the_packages_and_dates() -> None:
     headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert headings[0] == "[Unreleased]"
     versions = [re.fullmatch(r"\[(\d+\.\d+\.\d+)\] - (\d{4}-\d\d-\d\d)", heading) for heading in headings[1:]]

@@ -412,7 +412,7 @@ print(_pool._idle[0].process.pid)
     assert not Path(f"/proc/{done.stdout.strip()}").exists() and list(tmp_path.iterdir()) == []
 
 
-def test_a_program_that_is_gone_is_told_and_the_next_call_works() -> None:
+def test_a_program_that_is_gone_is_reported_and_the_next_call_works() -> None:
     loop = adaptive_fmu.Loop(LOOP)
     loop.run(until=0.1)
     busy = threading.Timer(0.5, lambda: [os.kill(one.process.pid, signal.SIGKILL) for one in _pool._busy])
@@ -439,7 +439,7 @@ def other_program(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[P
     yield tmp_path / "nix"
 
 
-def test_without_the_program_the_error_says_what_to_do(other_program: Path) -> None:
+def test_without_the_program_the_error_has_advice(other_program: Path) -> None:
     with pytest.raises(adaptive_fmu.Error, match="can't be started"):
         adaptive_fmu.loops()
 
@@ -451,7 +451,7 @@ def test_types_are_those_that_are_written() -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_time_is_told_while_a_run_goes_on() -> None:
+def test_time_is_reported_while_a_run_goes_on() -> None:
     heard: list[tuple[float, str]] = []
     begun = time.monotonic()
     answer = _pool.ask(["run", LOOP, "--until", "200", "--json"], lambda done, message: heard.append((done, message)))

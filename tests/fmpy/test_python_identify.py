@@ -110,7 +110,7 @@ def test_several_records_are_those_of_the_command(tmp_path: Path) -> None:
     assert numbers(checked) != numbers(adaptive_fmu.identify(table, **NAMES))
 
 
-def test_a_model_is_what_the_command_writes_and_says(identified: adaptive_fmu.Identified, tmp_path: Path) -> None:
+def test_a_model_is_what_the_command_writes_and_prints(identified: adaptive_fmu.Identified, tmp_path: Path) -> None:
     found, table = identified, frame(40)
     A, B = motor(np.random.default_rng(NUMBER + 40))
     for name, (matrix, row, column) in zip(found.errors.index, found.free, strict=True):
@@ -221,7 +221,7 @@ def refused(data: object, **arguments: object) -> str:
     return str(error.value)
 
 
-def test_what_is_refused_is_told_in_words_of_python() -> None:
+def test_what_is_refused_is_reported_in_words_of_python() -> None:
     table = frame(45, rows=400)
     still, doubled, endless = table.copy(), table.reset_index(), table.copy()
     still["voltage"] = 12.0

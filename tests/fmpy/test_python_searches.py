@@ -63,7 +63,7 @@ def test_each_particle_is_a_job_and_a_search_that_lost_its_workers_goes_on(tmp_p
     assert tuned().objective == here.objective and rest.jobs == 8
 
 
-def test_a_killed_worker_is_an_error_that_says_so(tmp_path: Path) -> None:
+def test_a_killed_worker_is_an_error_with_the_reason(tmp_path: Path) -> None:
     with ProcessPoolExecutor(1) as pool:
         victim = pool.submit(os.getpid).result()
         timer = threading.Timer(1.0, os.kill, (victim, signal.SIGKILL))

@@ -148,7 +148,7 @@ def test_what_the_tutorial_shows_of_a_command_is_what_it_prints(motor: Path) -> 
         assert " ".join(part.split()) in " ".join(done.stdout.split())
 
 
-def test_what_the_tutorial_says_of_its_loop_is_so(motor: Path) -> None:
+def test_what_the_tutorial_states_of_its_loop_is_true(motor: Path) -> None:
     units = [f"motor/{name}.toml" for name in ["Motor", "MotorController", "MotorReference"]]
     check = run([PROGRAM, "check", units[1], "--json"], motor)
     findings = {finding["name"]: finding["value"] for finding in json.loads(check.stdout)["findings"]}
@@ -170,7 +170,7 @@ def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= 80
 
 
-def test_the_time_that_the_readme_tells_is_that_of_the_page() -> None:
+def test_the_time_in_the_readme_is_that_of_the_page() -> None:
     (time,) = re.findall(r"20 s of the loop 3\.3\.1-case1 as a single FMU takes (\d+ ms)", " ".join(README.split()))
     assert f"| 3.3.1-case1, 20 s as a single FMU | {time} |" in (DOCS / "speed.md").read_text()
 
@@ -179,7 +179,7 @@ def test_no_table_of_the_readme_is_wider_than_a_terminal() -> None:
     assert not [line for line in README.splitlines() if line.startswith("|") and len(line) > 100]
 
 
-def test_what_is_run_in_place_of_this_test_stands_there() -> None:
+def test_what_is_run_in_place_of_this_test_is_there() -> None:
     every = [block for page in ["README.md", *(f"docs/{page}" for page in PAGES)] for block in blocks(page)]
     written = [line for language, text, _ in every if language == "sh" for line in commands(text)]
     assert set(RUN_ELSEWHERE) <= set(written)
@@ -192,7 +192,7 @@ def test_every_file_that_the_readme_links_to_is_there() -> None:
     assert len(links) > 15 and all((ROOT / link).is_file() for link in links)
 
 
-def test_every_page_stands_in_the_navigation_of_the_site() -> None:
+def test_every_page_is_listed_in_the_navigation_of_the_site() -> None:
     # Those that are made when the site is built are looked at by test_site.py.
     made = {"reference/commands.md", "reference/keys.md", "reference/corrections.md"}
     there = {file.relative_to(DOCS).as_posix() for file in DOCS.rglob("*.md")}

@@ -106,7 +106,7 @@ def pid_loop(A: np.ndarray, B: np.ndarray, start: dict) -> np.ndarray:
     )
 
 
-def test_check_tries_plants_of_the_region_and_says_how_much_of_it_is_stable(identified: tuple[Path, dict]) -> None:
+def test_check_tries_plants_of_the_region_and_reports_how_much_of_it_is_stable(identified: tuple[Path, dict]) -> None:
     folder, model = identified
     free, covariance = of_plant(model)
     nominal = {name: np.array(model[name]) for name in "AB"}
@@ -168,7 +168,7 @@ def test_a_finding_of_the_record_ends_with_code_3_and_both_files(tmp_path: Path)
     assert (tmp_path / "C.toml").exists() and (tmp_path / "C.json").exists()
 
 
-def test_states_that_nobody_measured_are_told(tmp_path: Path) -> None:
+def test_states_that_nobody_measured_are_reported(tmp_path: Path) -> None:
     rng = np.random.default_rng(NUMBER + 24)
     written(tmp_path, record(rng, *motor(rng), noise=0.002))
     ran = program(tmp_path, "identify", "record.csv", "--inputs", "voltage", "--outputs", "speed")

@@ -76,7 +76,7 @@ def test_the_same_controller_gives_the_recorded_control(late: bool, controller: 
     np.testing.assert_allclose(results["voltage_recorded"], table[:, 4], rtol=0, atol=1e-12)
 
 
-def test_another_controller_is_told_by_how_much_and_when(controller: tuple[Path, np.ndarray, np.ndarray]) -> None:
+def test_another_controller_is_reported_with_how_much_and_when(controller: tuple[Path, np.ndarray, np.ndarray]) -> None:
     folder, A, B = controller
     table = experiment(folder, A, B, late=False)
     table[500, 4] += 3.0
@@ -125,7 +125,7 @@ def test_a_controller_that_is_another_has_no_delay(controller: tuple[Path, np.nd
     assert of["delay"] == 0 and of["fit"] < 99.9, (NUMBER, of)
 
 
-def test_columns_that_set_parameters_are_told(tmp_path: Path) -> None:
+def test_columns_that_set_parameters_are_reported(tmp_path: Path) -> None:
     """A column of a record may have the name of one by chance."""
     (tmp_path / "record.csv").write_text('time,"u[1]","A[2,2]","y[1]",other\n0,1,-2,0,0\n1,1,-3,0.5,0\n')
     ran = program(tmp_path, "simulate", "StateSpace", "--input", "record.csv", "--compare", "y[1]", "--json")

@@ -79,7 +79,7 @@ def test_a_linear_limit_is_the_loop_with_the_unit_of_that_controller(report, pag
 
 
 @pytest.mark.slow
-def test_what_the_page_about_choosing_says_of_adaptation_beside_its_limit(tmp_path) -> None:
+def test_the_page_about_choosing_is_right_on_adaptation_compared_with_its_limit(tmp_path) -> None:
     only = [word for name in ["3", "4", "6.5.2", "7.5.2"] for word in ("--only", name)]
     answer = adaptive_fmu("report", *only, "--json", "--out", tmp_path)
     assert answer.returncode == 0, answer

@@ -35,7 +35,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / LOOP
 
 
-def test_results_tell_how_they_came_about(results: Path) -> None:
+def test_results_record_their_provenance(results: Path) -> None:
     recorded = json.loads((results / "metrics.json").read_text())
     assert recorded["versions"].keys() == {"program", "sources", "format"} and len(recorded["source"]["checksum"]) == 64
     settings = recorded["settings"]
@@ -62,7 +62,7 @@ def test_a_run_again_gives_the_same_numbers(results: Path) -> None:
     assert again(other, "--tag", "third")[0]["again"]["same_numbers"]
 
 
-def test_a_loop_that_is_not_there_is_told_as_its_results_name_it(tmp_path: Path) -> None:
+def test_a_missing_loop_is_reported_as_its_results_name_it(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples" / "own" / "dc_motor", tmp_path / "loops" / "dc_motor")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -108,7 +108,7 @@ def test_a_changed_loop_a_changed_set_and_another_version_are_noticed(tmp_path: 
     assert any(d.startswith('versions.sources was "0123"') for d in again(results)[0]["again"]["differences"])
 
 
-def test_an_fmu_from_elsewhere_is_told_by_file_and_checksum(fmu_folder: Path, tmp_path: Path) -> None:
+def test_an_fmu_from_elsewhere_is_reported_by_file_and_checksum(fmu_folder: Path, tmp_path: Path) -> None:
     fmus = shutil.copytree(fmu_folder, tmp_path / "fmus")
     output = ran(tmp_path, "--fmus", fmus)
     file = output["units"]["plant"]["file"]
@@ -166,7 +166,7 @@ def test_a_damaged_table_is_neither_compared_nor_run_again(what: str, results: P
     assert not (tmp_path / "out").exists()
 
 
-def test_results_without_checksums_are_compared_and_a_line_says_so(results: Path, tmp_path: Path) -> None:
+def test_results_without_checksums_are_compared_with_a_note(results: Path, tmp_path: Path) -> None:
     """As version 0.1 wrote them."""
     folder = shutil.copytree(results, tmp_path / LOOP)
     metrics = json.loads((folder / "metrics.json").read_text())
@@ -177,7 +177,7 @@ def test_results_without_checksums_are_compared_and_a_line_says_so(results: Path
         assert answer.returncode in (0, 3) and answer.stderr.count("results of version 0.1 have no checksums") == 1, answer
 
 
-def test_runs_under_tags_stand_side_by_side(tmp_path: Path) -> None:
+def test_runs_under_tags_are_side_by_side(tmp_path: Path) -> None:
     for tag in ["slow", "fast"]:
         assert ran(tmp_path, "--tag", tag)["loop"] == f"{LOOP}@{tag}"
     assert sorted(folder.name for folder in tmp_path.iterdir()) == [f"{LOOP}@fast", f"{LOOP}@slow"]

@@ -79,7 +79,7 @@ def test_a_loop_beyond_its_limit_is_named_and_has_its_exit_code(fmu_folder: Path
     )
 
 
-def test_a_loop_that_cant_be_run_is_told_and_the_others_run(fmu_folder: Path, tmp_path: Path) -> None:
+def test_a_loop_that_cant_be_run_is_reported_and_the_others_run(fmu_folder: Path, tmp_path: Path) -> None:
     shutil.copytree(fmu_folder, tmp_path / "fmus")
     (tmp_path / "fmus" / "TwoLinkRobot.fmu").unlink()
     answer = run_all("--until", "0.05", "--fmus", tmp_path / "fmus", "--out", tmp_path / "out", code=1)
@@ -91,13 +91,13 @@ def test_a_loop_that_cant_be_run_is_told_and_the_others_run(fmu_folder: Path, tm
     assert all(reason.startswith("error: ") and "TwoLinkRobot.fmu" in reason for reason in reasons)
 
 
-def test_the_table_tells_metrics_limits_and_times(fmu_folder: Path, tmp_path: Path) -> None:
+def test_the_table_shows_metrics_limits_and_times(fmu_folder: Path, tmp_path: Path) -> None:
     output = rows(run_all("--until", "0.2", "--fmus", fmu_folder, "--out", tmp_path, code=0).stdout)
     assert re.fullmatch(r"passes +\d+\.\d s  max \|y - y_m\| –  .*max \|u\| \d\.\d+ ≤ 2\.85", output["3.2.1-cosine"])
     assert re.fullmatch(r"passes +\d+\.\d s  failed at t = 0\.11\d* s, as expected", output[DIVERGING])
 
 
-def test_all_loops_as_one_unit_each(fmu_folder: Path, tmp_path: Path) -> None:
+def test_all_loops_as_a_composite_each(fmu_folder: Path, tmp_path: Path) -> None:
     # Before the one that diverges does so.
     answer = run_all("--composite", "--until", "0.05", "--json", "--out", tmp_path, code=0)
     assert [one["loop"] for one in json.loads(answer.stdout)["loops"]] == [f"{name}-composite" for name in LOOP_NAMES]

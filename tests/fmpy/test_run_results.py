@@ -89,7 +89,7 @@ def test_the_page_loads_nothing(results: Path) -> None:
     assert policy.startswith("default-src 'none'") and "http" not in policy
 
 
-def test_the_page_tells_metrics_and_settings(results: Path) -> None:
+def test_the_page_shows_metrics_and_settings(results: Path) -> None:
     page = html.document_fromstring((results / "index.html").read_text())
     recorded = json.loads((results / "metrics.json").read_text())
     assert recorded["ended"] == "complete" and not page.find_class("bad")

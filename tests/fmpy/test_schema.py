@@ -61,14 +61,14 @@ def test_an_editor_leaves_alone_what_can(line: str) -> None:
     assert found(started(line)) == ""
 
 
-def test_names_of_ones_own_may_stand_in_start() -> None:
+def test_own_names_may_be_in_start() -> None:
     assert found(NAMED) == ""
     assert found(NAMED.replace("[start]\n", "[start]\nspeed_reference = 3.0\n")) == ""
     # What the model knows is checked all the same.
     assert "wide" in found(NAMED.replace("adaptation_gain = ", 'adaptation_gain = "wide" # ', 1))
 
 
-def test_the_schema_says_what_a_key_of_start_is_and_its_unit() -> None:
+def test_the_schema_describes_a_key_of_start_with_its_unit() -> None:
     kind = next(kind["then"] for kind in SCHEMA["allOf"] if kind["if"]["properties"]["model"]["const"] == "sensor")
     start = kind["properties"]["start"]["properties"]
     properties = {name: SCHEMA["definitions"][value["$ref"].split("/")[-1]] if "$ref" in value else value for name, value in start.items()}

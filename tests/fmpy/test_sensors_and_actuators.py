@@ -58,7 +58,7 @@ def test_model_exchange_has_the_noise_of_co_simulation(fmu, solver: str) -> None
     assert np.std(slave["y[3]"]) == pytest.approx(1e-3, rel=0.2)
 
 
-def test_an_actuator_answers_a_wild_command_as_its_equation_says(fmu) -> None:
+def test_an_actuator_answers_a_wild_command_by_its_equation(fmu) -> None:
     """Limits, rate limit and lag together, with a command that changes within the steps as its slopes say."""
     low, high, rate, lag, dead = -0.6, 0.9, 15.0, 0.03, 0.1
     knots = np.linspace(0, 2, 41)

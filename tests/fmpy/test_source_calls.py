@@ -298,7 +298,7 @@ def test_both_follow_a_host_whose_clock_is_coarse_and_log_it_once(clock: str, fo
 
 
 @pytest.mark.parametrize("method", ["automatic", "stiff", "fixed"])
-def test_both_tell_by_which_method_they_are_integrated_and_which_eigenvalue_decided(method: str, forms: Callable) -> None:
+def test_both_log_the_integration_method_and_the_eigenvalue_that_decided(method: str, forms: Callable) -> None:
     messages = []
     for unit in forms(Unit, "TwoLinkRobot"):
         unit["integration_method"] = method

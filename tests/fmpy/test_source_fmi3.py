@@ -127,7 +127,7 @@ def test_steps_give_the_bits_of_the_generic_form(name: str, method: str, event_m
     assert runs[0] == runs[1]
 
 
-def test_a_whole_loop_gives_the_bits_of_the_generic_form(both) -> None:
+def test_a_composite_gives_the_bits_of_the_generic_form(both) -> None:
     fmus = both("Loop_3_2_1_cosine", "3.2.1-cosine")
     runs = [stepped(fmu, fmu.named(causality="output"), "explicit", True, True) for fmu in fmus]
     assert runs[0] == runs[1]
@@ -454,7 +454,7 @@ def test_cppcheck_finds_nothing(name: str, sources) -> None:
 
 @pytest.mark.parametrize("define", ["", "-DUNIT_STATIC_INSTANCES=2"])
 @pytest.mark.parametrize("name", ["NonlinearSiso", "L1SampledNonlinearSiso", "Actuator"])
-def test_sanitizers_find_nothing_in_the_life_of_an_instance(name: str, define: str, sources, tmp_path) -> None:
+def test_sanitizers_find_nothing_in_the_lifetime_of_an_instance(name: str, define: str, sources, tmp_path) -> None:
     """Both interfaces, saved states, derivatives, dependences, and calls with what is refused (`one_unit_3.c`)."""
     folder, program = sources(name) / "sources", tmp_path / "program"
     flags = ["-std=c99", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", *filter(None, [define])]

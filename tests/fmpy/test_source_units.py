@@ -132,7 +132,7 @@ def test_a_sampled_barrier_compiled_gives_the_bits_of_the_generic_one(method, co
     assert runs["sampled"][0] != runs["continuous"][0]
 
 
-def test_a_whole_loop_compiled_gives_the_bits_of_the_generic_one(compiled_folder, tmp_path) -> None:
+def test_a_composite_compiled_gives_the_bits_of_the_generic_one(compiled_folder, tmp_path) -> None:
     exported = adaptive_fmu("export", "--composite", "3.2.1-cosine", "--out", tmp_path)
     assert exported.returncode == 0, exported.stderr
     name = "Loop_3_2_1_cosine.fmu"
@@ -193,7 +193,7 @@ def test_static_instances_take_no_memory(sources, tmp_path) -> None:
 
 @pytest.mark.parametrize("level", ["-O2", "-O3"])
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_messages_tell_numbers_by_the_fewest_digits_however_they_are_compiled(compiler, level, sources, tmp_path) -> None:
+def test_messages_have_numbers_by_the_fewest_digits_however_they_are_compiled(compiler, level, sources, tmp_path) -> None:
     # gcc 12.2 once lost digits at -O3, which CMake asks for.
     main, program = ROOT / "tests" / "fmpy" / "numbers_told.c", tmp_path / "digits"
     command = [compiler, "-std=c99", level, f"-I{sources('NonlinearSiso')}", main, "-lm", "-o", program]
@@ -224,7 +224,7 @@ def test_three_units_run_in_one_program_under_sanitizers(sources, unit, tmp_path
     assert float(answer.stdout) == largest_error_of_generic_units(unit)
 
 
-def test_a_refusal_without_a_number_is_told_without_undefined_behaviour(sources, tmp_path) -> None:
+def test_a_refusal_without_a_number_is_reported_without_undefined_behaviour(sources, tmp_path) -> None:
     """The sampled law is for co-simulation: in model exchange it is refused by a reason that holds no value."""
     name, main, program = "MracPpfCoupledMimo", tmp_path / "main.c", tmp_path / "program"
     law = next(v for v in fmpy.read_model_description(str(sources(name).parent)).modelVariables if v.name == "law")

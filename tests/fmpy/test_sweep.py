@@ -81,7 +81,7 @@ def test_its_axes_have_the_words_of_those_of_a_run(tmp_path: Path) -> None:
     assert all(axes[name] == of_run[name] for name in axes if name in of_run)
 
 
-def test_a_metric_that_no_run_has_is_told_so_and_a_limit_is_named(tmp_path: Path) -> None:
+def test_a_metric_that_no_run_has_is_reported_and_a_limit_is_named(tmp_path: Path) -> None:
     folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--until", "1")
     page = html.document_fromstring((folder / "index.html").read_text())
     text = page.text_content()
@@ -89,7 +89,7 @@ def test_a_metric_that_no_run_has_is_told_so_and_a_limit_is_named(tmp_path: Path
     assert [svg.get("aria-label") for svg in page.iter("svg")][0] == "max |u|"
 
 
-def test_two_parameters_have_a_map_whose_failing_cells_say_so(tmp_path: Path) -> None:
+def test_two_parameters_have_a_map_whose_failing_cells_are_marked(tmp_path: Path) -> None:
     # With the wrong sign of the input gain, no control can hold the loop.
     folder = swept(tmp_path, "--over", f"{GAIN}=1e3,1e4", "--over", "plant.omega=1,-2", *SHORT)
     points = rows(folder)

@@ -180,7 +180,7 @@ def test_odd_names_are_read_back(tmp_path: Path) -> None:
         same(adaptive_fmu.identify(tmp_path / "odd.mat", **asked), adaptive_fmu.identify(table, **asked))
 
 
-def test_matlab_files_that_are_not_read_say_what_to_do(tmp_path: Path) -> None:
+def test_matlab_files_that_are_not_read_are_refused_with_advice(tmp_path: Path) -> None:
     time = np.arange(10.0)
     cells = np.empty((2, 1), dtype=object)
     cells[:, 0] = [time, "text"]

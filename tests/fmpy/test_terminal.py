@@ -63,7 +63,7 @@ def test_quiet_leaves_results_and_errors(tmp_path: Path) -> None:
     assert wrong.returncode == 1 and wrong.stderr.startswith("error: there is no loop named `nothing`")
 
 
-def test_verbose_tells_where_units_come_from_and_how_they_run(tmp_path: Path) -> None:
+def test_verbose_logs_where_fmus_come_from_and_how_they_run(tmp_path: Path) -> None:
     usual, done = adaptive_fmu(*RUN, "--json", folder=tmp_path), adaptive_fmu(*RUN, "--json", "-v", folder=tmp_path)
     assert "steps of" not in usual.stderr and json.loads(done.stdout)["ended"] == "complete"
     assert "from 0 s to 0.05 s in steps of 0.001 s, gauss-seidel" in done.stderr
@@ -72,7 +72,7 @@ def test_verbose_tells_where_units_come_from_and_how_they_run(tmp_path: Path) ->
     assert adaptive_fmu("list", "-q", "-v").returncode == 2
 
 
-def test_verbose_tells_by_which_method_units_are_integrated_and_the_eigenvalue_that_decided(tmp_path: Path) -> None:
+def test_verbose_logs_the_integration_method_and_the_eigenvalue_that_decided(tmp_path: Path) -> None:
     stderr = lambda *more: adaptive_fmu(*RUN, *more, "--json", "-v", folder=tmp_path).stderr  # noqa: E731
     method = r"3.2.1-cosine\S*: {}: integrated by the {} from t = \S+ s"
     value = r": the eigenvalue -\S+( ± \S+i)? 1/s allows substeps of \S+ s at order 5"
@@ -170,7 +170,7 @@ def test_powershell_offers_what_fits(tmp_path: Path) -> None:
     assert offered("adaptive-fmu export --run 3.2.1-c") == {"3.2.1-cosine"}
 
 
-def test_fish_completes_loops_beside_files(tmp_path: Path) -> None:
+def test_fish_completes_loops_and_files(tmp_path: Path) -> None:
     if not (fish := shutil.which("fish")):
         pytest.skip("there is no fish")
     (script := tmp_path / "script").write_text(adaptive_fmu("completions", "fish").stdout)

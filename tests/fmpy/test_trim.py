@@ -130,7 +130,7 @@ def test_a_submarine_is_carried_by_the_forces_that_its_energy_and_drag_ask_for(s
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_robot_is_held_by_the_torques_of_its_weight(seed: int) -> None:
+def test_the_torques_of_its_weight_balance_a_robot(seed: int) -> None:
     random = Random(seed)
     q = np.array([random.uniform(-3, 3), random.uniform(-3, 3)])
     own = Robot(mass=(random.uniform(1, 5), random.uniform(1, 5)), length=(random.uniform(0.3, 0.8), random.uniform(0.3, 0.8)))
@@ -246,7 +246,7 @@ def test_local_variables_and_outputs_that_equal_states_may_be_wanted(fmu, tmp_pa
     assert "der(x[7])" in fails("MaresAuv", "--free", "u[1]", "--want", "der(x[7])=1")
 
 
-def test_the_text_says_how_many_operating_points_there_are() -> None:
+def test_the_text_states_how_many_operating_points_there_are() -> None:
     lines = adaptive_fmu("linearise", "Quadrotor", *HOVER).stdout.splitlines()
     assert lines[0] == "Quadrotor, steady state at t = 0 s, by its exact derivatives"
     assert re.fullmatch(r"18 equations in 21 unknowns, of rank 18, solved in [4-7] Newton steps", lines[1])

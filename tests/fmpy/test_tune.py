@@ -54,7 +54,7 @@ def test_a_small_swarm_finds_output_sets_with_the_objective_that_is_to_be_reache
     assert output["objective"]["verified"] == pytest.approx(output["objective"]["best"], rel=1e-4)
 
 
-def test_the_loop_with_the_values_found_has_the_objective_that_is_told(tuned, tmp_path: Path) -> None:
+def test_the_loop_with_the_values_found_has_the_objective_that_is_reported(tuned, tmp_path: Path) -> None:
     output, folder = tuned
     options = ["--composite", "--until", 8, "--step", 0.01, "--case", folder / "tuned.ssv"]
     assert adaptive_fmu("run", LOOP, *options, "--out", tmp_path).returncode == 0
@@ -167,7 +167,7 @@ def test_a_run_that_fails_counts_as_worst_and_ends_nothing(tmp_path: Path) -> No
     assert output["parameters"]["controller.VS_l"] < output["parameters"]["controller.S_l"]
 
 
-def test_where_every_run_fails_the_reason_is_told(tmp_path: Path) -> None:
+def test_where_every_run_fails_the_reason_is_reported(tmp_path: Path) -> None:
     options = ["--parameter", "controller.VS_l=0.45..0.5", "--set", "controller.S_l=0.3", "--generations", 1]
     refusal = fails("tune", LOOP, *SMALL, *options, "--out", tmp_path)
     assert "none of 6 runs completed" in refusal and "must be below controller.S_l = 0.3" in refusal

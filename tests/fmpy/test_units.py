@@ -68,7 +68,7 @@ def definitions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, etree._El
     return {unit.get("name"): unit for unit in root.iterfind("UnitDefinitions/Unit")}
 
 
-def test_every_unit_is_in_base_units_what_pint_says(definitions) -> None:
+def test_every_unit_has_the_base_units_of_pint(definitions) -> None:
     known = pint.UnitRegistry()
     for text, name in texts().items():
         base = definitions[text].find("BaseUnit")
@@ -89,7 +89,7 @@ def test_angles_are_counted_as_pint_knows_them(definitions) -> None:
         assert int(definitions[text].find("BaseUnit").get("rad", "0")) == exponent, text
 
 
-def test_temperatures_have_the_offset_that_pint_says(definitions) -> None:
+def test_temperatures_have_the_offset_of_pint(definitions) -> None:
     known = pint.UnitRegistry()
     for text, name in {"degC": "degC", "°C": "degC", "degF": "degF", "°F": "degF", "degR": "degR"}.items():
         base = definitions[text].find("BaseUnit")

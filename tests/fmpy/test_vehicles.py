@@ -27,7 +27,7 @@ def quadrotor_parameters(quadrotor: Quadrotor) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("quadrotor", QUADROTORS.values(), ids=QUADROTORS)
-def test_the_quadrotor_accelerates_as_its_equations_say(fmu, quadrotor: Quadrotor) -> None:
+def test_the_quadrotor_accelerates_by_its_equations(fmu, quadrotor: Quadrotor) -> None:
     random = np.random.default_rng(7)
     with begun(fmu("Quadrotor"), **quadrotor_parameters(quadrotor)) as unit:
         for _ in range(100):
@@ -41,7 +41,7 @@ def test_the_quadrotor_accelerates_as_its_equations_say(fmu, quadrotor: Quadroto
 
 
 @pytest.mark.parametrize("quadrotor", QUADROTORS.values(), ids=QUADROTORS)
-def test_the_quadrotor_moves_as_its_equations_say(fmu, quadrotor: Quadrotor) -> None:
+def test_the_quadrotor_moves_by_its_equations(fmu, quadrotor: Quadrotor) -> None:
     times, u = np.linspace(0, 1.5, 31), np.array([6.0, 4e-3, -6e-3, 5e-3])
     inputs = {f"u[{i + 1}]": value for i, value in enumerate(u)}
     unit = moved(fmu("Quadrotor"), X, times, inputs, **quadrotor_parameters(quadrotor))
@@ -67,7 +67,7 @@ def test_the_quadrotors_disturbances_are_filtered_sines(fmu) -> None:
     assert np.abs(unit - expected).max() < 1e-9
 
 
-def test_the_quadrotors_reference_climbs_in_circles(fmu) -> None:
+def test_the_quadrotors_reference_is_a_helix(fmu) -> None:
     t = np.linspace(0, 20, 201)
     names = [f"{kind}[{i}]" for kind in ("r", "dr", "ddr") for i in (1, 2, 3, 4)]
     values = moved(fmu("ReferenceQuadrotor"), names, t, {})
@@ -101,7 +101,7 @@ def test_the_submarines_added_mass_is_that_of_lambs_integrals(fmu, submarine: Su
 
 
 @pytest.mark.parametrize("submarine", SUBMARINES.values(), ids=SUBMARINES)
-def test_the_submarine_accelerates_as_its_lagrangian_says(fmu, submarine: Submarine) -> None:
+def test_the_submarine_accelerates_by_its_lagrangian(fmu, submarine: Submarine) -> None:
     random = np.random.default_rng(8)
     with begun(fmu("MaresAuv"), **submarine_parameters(submarine)) as unit:
         for _ in range(50):
@@ -117,7 +117,7 @@ def test_the_submarine_accelerates_as_its_lagrangian_says(fmu, submarine: Submar
             assert np.abs(unit.rate() - expected).max() < 1e-10 * (1 + np.abs(expected).max())
 
 
-def test_the_submarine_moves_as_its_lagrangian_says(fmu) -> None:
+def test_the_submarine_moves_by_its_lagrangian(fmu) -> None:
     submarine, times = Submarine(), np.linspace(0, 1, 11)
     u = np.array([35.0, -28.0, 22.0, 0.3, -5.9, 7.2])
     start = np.array([1, 2, 3, 0.2, -0.3, 0.7, 0.4, -0.2, 0.1, 0.2, -0.1, 0.3])

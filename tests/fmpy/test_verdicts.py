@@ -16,7 +16,7 @@ EACH = 4 if ALL else 1
 
 @pytest.mark.parametrize("number", range(EACH))
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_check_says_of_uncertain_plants_is_so(kind: str, number: int, tmp_path: Path):
+def test_what_check_reports_on_uncertain_plants_is_true(kind: str, number: int, tmp_path: Path):
     random = Random(f"verdict {kind} {NUMBER} {number}")
     nominal = plant(random.choice(CLASSES), random)
     predicted = design(kind, nominal, tmp_path)
@@ -28,7 +28,7 @@ def test_what_check_says_of_uncertain_plants_is_so(kind: str, number: int, tmp_p
 
 
 @pytest.mark.parametrize("number", range(EACH))
-def test_what_check_says_of_funnels_with_uncertain_plants_is_so(number: int, tmp_path: Path):
+def test_what_check_reports_on_funnels_with_uncertain_plants_is_true(number: int, tmp_path: Path):
     random = Random(f"verdict funnel {NUMBER} {number}")
     nominal = plant("minimum phase", random)
     predicted = design("funnel", nominal, tmp_path)

@@ -55,7 +55,7 @@ def test_a_wheel_holds_what_a_program_needs(wheel: Path) -> None:
     assert modules | {"adaptive_fmu/py.typed"} <= set(files)
 
 
-def test_a_wheel_says_what_pyproject_says(wheel: Path) -> None:
+def test_the_metadata_of_a_wheel_is_that_of_pyproject(wheel: Path) -> None:
     """As pip reads it; what it is built from by `pip install .` is the same file."""
     import tomllib
 

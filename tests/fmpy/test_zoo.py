@@ -53,7 +53,7 @@ TOO_FINE = [("piezo_stage", "funnel")]
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("plant", SAMPLE)
-def test_a_plant_has_a_design_that_does_what_is_said_or_a_reason(plant: str, kind: str, tmp_path: Path):
+def test_a_plant_has_a_design_that_does_what_is_predicted_or_a_reason(plant: str, kind: str, tmp_path: Path):
     predicted = design(plant, kind, tmp_path)
     cells = next(line for line in TABLE if line.startswith(f"| `{plant}` |")).split(" | ")
     assert cells[2 + KINDS.index(kind)].removesuffix(" |") == str(predicted), "benches/zoo writes the table anew"

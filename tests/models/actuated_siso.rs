@@ -61,7 +61,7 @@ fn the_output_is_what_the_output_matrix_makes_of_the_state() {
 }
 
 #[test]
-fn only_the_unmodeled_dynamics_are_what_tells_the_third_uncertainty_from_the_first() {
+fn only_the_unmodeled_dynamics_distinguish_the_third_uncertainty_from_the_first() {
     let states = [0.4, -0.3, 0.2, 1.7, 0.6];
     let [first, third] = [1, 3].map(|uncertainty| {
         let unit = Unit::exchange("ActuatedSiso");

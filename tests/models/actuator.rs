@@ -274,7 +274,7 @@ fn model_exchange_gives_what_co_simulation_gives() {
 }
 
 #[test]
-fn limits_tuned_while_running_are_kept_at_once_and_behind_a_lag_as_fast_as_it_goes() {
+fn limits_tuned_while_running_hold_immediately_and_behind_a_lag_as_fast_as_possible() {
     let unit = at_rest("", 2.0);
     unit.put("u_max[1]", 1.0);
     unit.run(0.0, 1, 0.01);

@@ -46,7 +46,7 @@ fn says_its_name(line: &str) -> bool {
 }
 
 #[test]
-fn every_kind_that_has_a_file_stands_in_the_catalogue() {
+fn every_kind_that_has_a_file_is_listed_in_the_catalogue() {
     let quoted = |line: &str| line.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
     let lines: Vec<String> = sources().iter().flat_map(|(_, text)| text.lines()).map(str::to_owned).collect();
     // A doc comment shows a model that isn't of this package.

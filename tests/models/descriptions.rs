@@ -107,7 +107,7 @@ fn alike(model: &Model) -> Vec<String> {
 }
 
 #[test]
-fn no_two_inputs_or_outputs_of_a_unit_say_the_same_of_themselves() {
+fn no_two_inputs_or_outputs_of_an_fmu_have_the_same_description() {
     for name in description_names() {
         let alike = alike(&model(&description(&name)).unwrap());
         assert!(alike.is_empty(), "{name}: {}", alike.join("\n"));
@@ -120,7 +120,7 @@ fn no_two_inputs_or_outputs_of_a_unit_say_the_same_of_themselves() {
 }
 
 #[test]
-fn a_controller_speaks_of_the_plant_that_its_description_tells() {
+fn a_controller_names_the_plant_of_its_description() {
     let described = |model: &Model, name: &str| model.variables().find(name).unwrap().description().into_owned();
     let vehicle = model(&description("L1MaresAuv")).unwrap();
     assert_eq!(described(&vehicle, "r[3]"), "reference of depth");
@@ -154,7 +154,7 @@ fn quantities_of_another_number_or_given_twice_are_refused() {
 }
 
 #[test]
-fn whose_a_unit_is_stands_in_its_xml_and_in_its_guid() {
+fn the_author_of_an_fmu_is_in_its_xml_and_in_its_guid() {
     let own = |more: &str| {
         let text =
             format!("name = \"R\"\nmodel = \"reference\"\ndescription = \"\"\n{more}\n[structure]\nchannels = 1\n");
@@ -374,7 +374,7 @@ fn what_is_calculated_or_hidden_has_no_start_value() {
 }
 
 #[test]
-fn any_text_is_a_unit_and_those_that_are_known_tell_their_base_units() {
+fn any_text_is_a_unit_and_those_that_are_known_have_base_units() {
     let structure = "channels = 6\nunits = [\"rpm\", \"degC\", \"furlong\", \"\", \"kg/mol\", \"m/s\"]";
     let text = format!("name = \"S\"\nmodel = \"sensor\"\ndescription = \"\"\n[structure]\n{structure}\n");
     let xml = model_description::xml(&model(&text).unwrap());

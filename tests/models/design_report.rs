@@ -98,7 +98,7 @@ fn the_advice_for_several_channels_makes_them_sound() {
 }
 
 #[test]
-fn an_input_gain_that_may_be_none_has_to_be_kept_from_it() {
+fn an_input_gain_that_may_be_zero_needs_a_lower_bound() {
     // omega_min = 0 takes the control all effect.
     let text = description("L1ActuatedSisoObserved");
     let first = report(&text);
@@ -239,7 +239,7 @@ fn plants_and_references_have_nothing_to_report_and_controllers_have() {
 }
 
 #[test]
-fn a_whole_loop_reports_of_its_parts_and_of_no_communication_step() {
+fn a_composite_reports_on_its_parts_and_on_no_communication_step() {
     let [alone, inside] = [description("L1NonlinearSiso"), whole("3.2.1-cosine")].map(|text| report(&text));
     assert_eq!(inside.step, 0.0);
     assert!(inside.findings.iter().all(|finding| finding.section.starts_with("controller: ")));
@@ -248,7 +248,7 @@ fn a_whole_loop_reports_of_its_parts_and_of_no_communication_step() {
 }
 
 #[test]
-fn an_observer_tells_its_poles() {
+fn an_observer_reports_its_poles() {
     let report = report(&description("ObserverActuatedSiso"));
     let Value::Eigenvalues(poles) = &finding(&report, "eigenvalues of A - k_l C").value else { panic!("{report:?}") };
     // s² + (8 + 64) s + 64
@@ -258,7 +258,7 @@ fn an_observer_tells_its_poles() {
 }
 
 #[test]
-fn the_explicit_mrac_law_is_told_its_step() {
+fn explicit_mrac_reports_its_longest_step() {
     let text = description("MracPpfCoupledMimo");
     // psi'psi beta gamma_2 + alpha_bar/phi + K_epsilon = 12 · 1e5 + 1e3 + 0.1, over rho_inf.
     let rate = (12.0 * 1e5 + 1e3 + 0.1) / 0.05;
@@ -297,7 +297,7 @@ impl System for Decay {
 }
 
 #[test]
-fn a_model_of_ones_own_tells_what_it_finds_in_its_start_values() {
+fn an_own_model_reports_what_it_finds_in_its_start_values() {
     let sound = |k: f64| {
         let start = format!("k = {k:?}").parse().unwrap();
         Model::new::<Decay>("Decay", &start).unwrap().report().is_sound()
@@ -324,7 +324,7 @@ fn large(n: usize) -> String {
 }
 
 #[test]
-fn a_large_design_is_reported_in_time_and_says_what_it_leaves_out() {
+fn a_large_design_is_reported_in_time_with_what_the_report_leaves_out() {
     let model = model(&large(200)).unwrap();
     let begun = Instant::now();
     let report = model.report();

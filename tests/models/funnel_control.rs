@@ -222,7 +222,7 @@ fn the_coupled_system_stays_in_its_funnel() {
 const BOUNDS: &str = "psi_0 = [2.0, 2.0]\npsi_inf = [0.5, 0.5]\ndecay_rate = [1.0, 1.0]\n";
 
 #[test]
-fn an_error_that_leaves_its_funnel_is_told_with_its_channel_and_the_time() {
+fn an_error_that_leaves_its_funnel_is_reported_with_its_channel_and_the_time() {
     let mut run = unit(2, 2, "filtered_error", &format!("{BOUNDS}tau = [0.1, 0.1]")).unwrap();
     run.0.initialise().unwrap();
     run.step(0.5);
@@ -243,7 +243,7 @@ fn an_error_that_leaves_its_funnel_is_told_with_its_channel_and_the_time() {
 }
 
 #[test]
-fn a_start_outside_is_refused_and_says_which_bound_would_do() {
+fn a_start_outside_is_refused_with_a_bound_that_would_do() {
     let mut run = unit(2, 1, "filtered_error", BOUNDS).unwrap();
     run.set("r[1]", 3.5);
     run.0.initialise().unwrap();
@@ -275,7 +275,7 @@ fn taking_over_makes_no_jump_and_opens_the_funnel_anew() {
 }
 
 #[test]
-fn a_control_at_its_limit_is_told() {
+fn a_control_at_its_limit_is_reported() {
     let mut run = unit(1, 1, "filtered_error", "psi_0 = [2.0]\ng = [10.0]\nu_max = [1.0]\nu_min = [-1.0]").unwrap();
     run.set("r[1]", 0.05);
     run.0.initialise().unwrap();

@@ -176,7 +176,7 @@ const TOLERATED: &str = "that the adaptation tolerates";
 /// The adaptation of a third-order design oscillates at 7.7 rad/s with a filter of 300 rad/s. With twice or three times
 /// the nominal input gain, y isn't 1 after 20 s, and u swings.
 #[test]
-fn a_design_whose_adaptation_is_slow_beside_its_filter_is_not_sound_and_not_held() {
+fn a_design_whose_adaptation_is_slower_than_its_filter_is_not_sound_and_not_stable() {
     let design = Design::third();
     let report = design.report();
     assert!(!report.is_sound());
@@ -206,7 +206,7 @@ fn a_design_whose_adaptation_is_slow_beside_its_filter_is_not_sound_and_not_held
 }
 
 #[test]
-fn with_the_gain_that_it_tolerates_and_a_faster_adaptation_it_is_held() {
+fn with_the_gain_that_it_tolerates_and_a_faster_adaptation_it_is_stable() {
     let design = Design { K: 7.0, gain: 5e4, ..Design::third() };
     let report = design.report();
     assert_ne!(finding(&report, PREDICTION).verdict, Verdict::NotSound);
@@ -242,7 +242,7 @@ fn the_advised_adaptation_gain_turns_fast_enough() {
 
 /// Random designs whose bounds on theta are within what their norm allows.
 #[test]
-fn what_is_called_sound_is_held_at_the_bounds_of_the_input_gain() {
+fn what_is_called_sound_is_stable_at_the_bounds_of_the_input_gain() {
     let (mut random, mut seen, mut sound) = (Random::new(43), [0_usize; 3], 0);
     for k in 0..40 {
         let mut design = Design::random(&mut random);

@@ -244,7 +244,7 @@ fn at_a_longer_step_the_system_that_the_control_enters_nonlinearly_is_lost() {
 }
 
 #[test]
-fn an_error_that_leaves_its_funnel_is_told_with_its_channel_and_the_time() {
+fn an_error_that_leaves_its_funnel_is_reported_with_its_channel_and_the_time() {
     let mut run = unit(COUPLED[2], "");
     run.0.initialise().unwrap();
     run.step(0.5);
@@ -265,7 +265,7 @@ fn an_error_that_leaves_its_funnel_is_told_with_its_channel_and_the_time() {
 }
 
 #[test]
-fn a_start_outside_is_refused_and_says_which_bound_would_do() {
+fn a_start_outside_is_refused_with_a_bound_that_would_do() {
     let mut run = unit("L1PpfTwoLinkRobot", "");
     run.set("r[1]", 3.5);
     run.0.initialise().unwrap();
@@ -307,7 +307,7 @@ fn a_bumpless_start_is_at_the_manual_control_whatever_the_barrier_adds() {
 }
 
 #[test]
-fn a_control_at_its_limit_ends_the_guarantee_and_is_told() {
+fn a_control_at_its_limit_ends_the_guarantee_and_is_reported() {
     let mut run = unit("L1PpfCoupledMimo", "u_max = [0.5, 0.5, 0.5]");
     run.0.initialise().unwrap();
     run.step(0.001);
@@ -319,7 +319,7 @@ fn a_control_at_its_limit_ends_the_guarantee_and_is_told() {
 }
 
 #[test]
-fn a_step_that_is_too_long_for_the_barrier_is_told() {
+fn a_step_that_is_too_long_for_the_barrier_is_reported() {
     let mut run = unit("L1PpfCoupledMimo", "rho_inf = [0.001, 0.05, 0.05]\ndecay_rate = [1e3, 1.5, 1.5]");
     run.0.initialise().unwrap();
     run.run(20, 0.001);

@@ -177,7 +177,7 @@ fn the_equations_written_out_follow_the_reference_as_they_are_known_to() {
 }
 
 #[test]
-fn the_loop_as_one_unit_is_that_of_the_equations_written_out() {
+fn the_loop_as_a_composite_is_that_of_the_equations_written_out() {
     for (T, limit) in [(5e-3, f64::INFINITY), (2e-2, f64::INFINITY), (5e-3, 60.0)] {
         let (hand, mut start) = (by_hand(T, 0, limit, 3.0), at(T, 0));
         if limit.is_finite() {
@@ -383,7 +383,7 @@ fn a_bumpless_start_begins_with_the_manual_control() {
 }
 
 #[test]
-fn a_step_that_is_longer_than_the_sample_time_is_told() {
+fn a_step_that_is_longer_than_the_sample_time_is_reported() {
     let unit = Unit::new(ROBOT);
     unit.start(0.0);
     assert_eq!(unit.step(0.0, 0.005), OK);
@@ -408,7 +408,7 @@ fn number(report: &DesignReport, name: &str) -> f64 {
 /// The loop at 10 ms with a sample of dead time tolerates nominal input gains 0.7 to 2 times the right one, not 0.5 or
 /// 3.
 #[test]
-fn the_report_tells_what_input_gains_and_dead_times_the_loop_bears() {
+fn the_report_has_the_input_gains_and_dead_times_that_the_loop_tolerates() {
     let text = description(ROBOT).replace("sample_time = 0.005", &at(0.01, 1)).replace("step = 0.005", "step = 0.01");
     let found = report(&text);
     assert!(found.findings.iter().all(|finding| finding.verdict != Verdict::NotSound), "{:?}", found.findings);

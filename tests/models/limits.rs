@@ -101,7 +101,7 @@ fn without_it_the_robot_is_lost() {
 }
 
 #[test]
-fn where_the_plant_needs_more_than_there_is_no_law_helps_and_the_time_tells() {
+fn where_the_plant_needs_more_than_there_is_no_law_helps_and_the_time_shows_it() {
     let [with, without] = [-1.0, 0.0].map(|time| judged("3.2.1-cosine", 2.0, time, 5.0, 20.0));
     assert!((with.rms[0] - 0.648).abs() < 1e-3 && (without.rms[0] - 0.581).abs() < 1e-3, "{with:?}, {without:?}");
     assert!(with.longest_at_limit > 2.0, "{with:?}");
@@ -287,7 +287,7 @@ fn held() -> String {
 }
 
 #[test]
-fn the_time_at_a_limit_is_told_as_long_as_the_control_stands_there() {
+fn the_time_at_a_limit_is_reported_as_long_as_the_control_is_there() {
     let unit = Unit::from_text(&held());
     unit.start(0.0);
     let (mut since, mut longest) = (None, 0.0_f64);
@@ -374,7 +374,7 @@ fn a_thrust_at_its_limit_counts_too() {
 }
 
 #[test]
-fn a_limit_that_a_person_stands_at_says_nothing_of_any_design() {
+fn a_limit_under_manual_control_means_nothing_for_the_design() {
     for name in
         ["L1NonlinearSiso", "L1LimitNonlinearSiso", "L1SampledNonlinearSiso", "LadrcNonlinearSiso", "PidNonlinearSiso"]
     {
@@ -390,7 +390,7 @@ fn a_limit_that_a_person_stands_at_says_nothing_of_any_design() {
 }
 
 #[test]
-fn check_tells_the_time_and_warns_where_it_is_off() {
+fn check_reports_the_time_and_warns_where_it_deviates() {
     use adaptive_fmu::report::{Finding, Value};
     use adaptive_fmu::system::Verdict;
     let limits = |start: &str| {

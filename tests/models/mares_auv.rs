@@ -77,7 +77,7 @@ fn along<const N: usize>(x: &State, rate: &State, f: impl Fn(&State) -> SVector<
 }
 
 #[test]
-fn the_pose_changes_as_the_velocities_in_body_axes_say() {
+fn the_pose_changes_by_the_velocities_in_body_axes() {
     let (mut random, vehicle) = (Random::new(1), Vehicle::new(&[]));
     for _ in 0..50 {
         let x = random_state(&mut random);
@@ -296,7 +296,7 @@ fn a_body_that_cannot_be_is_refused() {
 }
 
 #[test]
-fn what_its_page_says_of_size_weight_and_inertia_is_so() {
+fn what_its_page_states_on_size_weight_and_inertia_is_true() {
     let page = include_str!("../../docs/plants/mares_auv.md").split_whitespace().collect::<Vec<_>>().join(" ");
     for text in
         ["$b$ = `diameter`/2", "\\tfrac43 \\pi \\rho\\, a b^2$", "no term $m z_g^2$", "a larger hull is not lifted"]

@@ -61,7 +61,7 @@ fn the_coupled_system_starts_from_the_printed_linear_part() {
 }
 
 #[test]
-fn the_control_of_the_coupled_system_acts_nonlinearly_when_it_is_told_to() {
+fn the_control_of_the_coupled_system_acts_nonlinearly_when_chosen() {
     let (affine, nonaffine) = (begun("CoupledMimo", &[]), Unit::exchange("CoupledMimo"));
     assert_eq!(nonaffine.set_boolean("nonaffine", true), OK);
     nonaffine.begin();

@@ -127,7 +127,7 @@ fn separate(controller: &Unit, until: f64, step: f64, mut look: impl FnMut(&Unit
 }
 
 #[test]
-fn sampled_it_follows_the_same_model_and_tells_of_steps_that_are_too_long() {
+fn sampled_it_follows_the_same_model_and_warns_of_steps_that_are_too_long() {
     let warnings =
         |unit: &Unit| unit.messages().into_iter().filter(|(_, category, _)| category == "logStepTooLong").count();
     for (gain, flagged) in [(10.0, false), (100.0, false), (1000.0, true)] {
@@ -288,7 +288,7 @@ fn finding(report: &DesignReport, name: &str) -> (f64, Verdict, String) {
 }
 
 #[test]
-fn check_tells_how_fast_the_adaptation_turns_and_what_that_tolerates() {
+fn check_reports_how_fast_the_adaptation_turns_and_what_that_tolerates() {
     let report = |start: &str| model(&text(start)).unwrap().report();
     let name = "frequency with references of 1";
     let usual = report("");

@@ -175,7 +175,7 @@ fn a_funnel_that_re_opens_is_counted_and_closes_again() {
 }
 
 #[test]
-fn the_sampled_control_is_held_until_the_next_step() {
+fn the_sampled_control_is_constant_until_the_next_step() {
     let unit = stepped("", X);
     let first = get(&unit, "u");
     assert_eq!(unit.step(0.0, 1e-3), OK);

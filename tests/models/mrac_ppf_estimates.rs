@@ -274,7 +274,7 @@ fn noise_drives_the_estimates_on_and_on_unless_they_leak_or_are_bounded() {
 }
 
 #[test]
-fn what_check_tells_of_noise_is_what_it_does() {
+fn what_check_reports_on_noise_is_what_it_does() {
     let reported = |start: &str, name: &str| {
         let report = model(&text(start)).unwrap().report();
         let found = report.findings.iter().find(|finding| finding.name == name).unwrap_or_else(|| panic!("{name}"));
@@ -299,7 +299,7 @@ fn what_check_tells_of_noise_is_what_it_does() {
 }
 
 #[test]
-fn the_other_laws_with_funnels_tell_what_bounds_their_estimates() {
+fn the_other_laws_with_funnels_report_what_bounds_their_estimates() {
     let finding = |name: &str, start: &str, what: &str| {
         let text =
             description(name).replace("sigma = 7.5", if start.starts_with("sigma") { "" } else { "sigma = 7.5" });

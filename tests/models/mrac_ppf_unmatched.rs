@@ -168,7 +168,7 @@ fn in_separate_units_it_stays_in_its_funnels() {
 
 /// 1/s = 9.0 ms if all are stepped simultaneously, 2/s = 18 ms if the plant is stepped first.
 #[test]
-fn the_longest_steps_are_those_that_s_tells() {
+fn the_longest_steps_are_those_that_s_gives() {
     for (order, held, lost) in [(Order::AtOnce, 8e-3, 10e-3), (Order::PlantFirst, 17e-3, 20e-3)] {
         assert!(of_units("", order, held, 30.0).is_ok(), "{order:?}, {held} s");
         let reason = of_units("", order, lost, 30.0).unwrap_err();
@@ -192,7 +192,7 @@ fn a_fast_adaptation_of_the_unmatched_row_takes_the_funnel_of_the_state_that_dri
 const START: &str = "x0 = [0.4, -0.4, -0.5]";
 
 #[test]
-fn a_start_outside_is_refused_and_says_which_bound_would_do() {
+fn a_start_outside_is_refused_with_a_bound_that_would_do() {
     let closed = |start: &str| whole_of(start, START).prepared(1e-8);
     let mut run = closed("x_m_start = 'given'");
     let reason = run.0.initialise().map(|()| run.failure(0.01).to_string()).unwrap_or_else(|reason| reason.to_string());
@@ -205,7 +205,7 @@ fn a_start_outside_is_refused_and_says_which_bound_would_do() {
 }
 
 #[test]
-fn an_error_that_leaves_its_funnel_is_told_and_nothing_has_changed() {
+fn an_error_that_leaves_its_funnel_is_reported_and_nothing_has_changed() {
     let mut run = unit("");
     run.0.initialise().unwrap();
     run.step(0.5);
@@ -265,7 +265,7 @@ fn taking_over_makes_no_jump_and_begins_anew() {
 }
 
 #[test]
-fn a_control_at_its_limit_is_told() {
+fn a_control_at_its_limit_is_reported() {
     let mut run = unit("u_max = [0.5, 9.0]\nrho_0 = [9.0, 9.0, 9.0]\nrho_inf = [8.0, 8.0, 8.0]");
     run.set("r[1]", 0.1);
     run.0.initialise().unwrap();
@@ -278,7 +278,7 @@ fn a_control_at_its_limit_is_told() {
 }
 
 #[test]
-fn a_step_that_the_barriers_do_not_bear_is_told_in_co_simulation() {
+fn a_step_that_the_barriers_do_not_tolerate_is_reported_in_co_simulation() {
     for (step, message) in [(8e-3, false), (10e-3, true)] {
         let unit = Unit::new(NAME);
         unit.start(0.0);

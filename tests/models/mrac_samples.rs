@@ -153,7 +153,7 @@ fn a_master_that_adds_up_its_points_has_one_sample_in_each_step() {
 }
 
 #[test]
-fn several_samples_in_a_step_are_those_of_held_inputs_and_the_unit_says_so() {
+fn several_samples_in_a_step_are_those_of_constant_inputs_and_the_fmu_warns() {
     let (long, short) = (started("sample_time = 1e-3", 0.0), started("sample_time = 1e-3", 0.0));
     long.run(0.0, 20, 10.0 * T);
     short.run(0.0, 200, T);

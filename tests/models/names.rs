@@ -94,7 +94,7 @@ fn start_values_go_by_either_name() {
 }
 
 #[test]
-fn what_a_unit_refuses_and_warns_of_is_told_in_its_users_words() {
+fn what_an_fmu_refuses_and_warns_of_is_reported_by_its_users_names() {
     let text = controller(NAMES);
     // Limits of single values find it, and the controller itself.
     refused(&text.replace("adaptation_gain = 1e5", "Gamma = -1.0"), &["Gamma = -1"]);
@@ -138,7 +138,7 @@ fn names_that_are_none_or_taken_are_refused_with_the_reason() {
 }
 
 #[test]
-fn the_parts_of_a_whole_loop_keep_their_users_names() {
+fn the_parts_of_a_composite_keep_their_users_names() {
     let text = r#"
 name = "Whole"
 model = "composite"

@@ -277,7 +277,7 @@ fn a_funnel_that_widens_is_refused() {
 }
 
 #[test]
-fn the_model_that_is_followed_starts_where_it_is_told_to() {
+fn the_model_that_is_followed_starts_where_given() {
     let unit = Unit::new(COUPLED);
     [("x_m0[1]", 0.6), ("x_m0[2]", -0.8), ("x_m0[3]", 0.4)].iter().for_each(|&(name, value)| unit.put(name, value));
     unit.start(0.0);

@@ -102,7 +102,7 @@ fn each_control_is_that_of_its_reference() {
 
 /// A change of a controller's plant in one place gives a message on the other.
 #[test]
-fn a_structure_with_another_plant_is_said() {
+fn a_structure_with_another_plant_is_reported() {
     let law = |A: &str| {
         report(&format!(
             "model = 'l1-limit'\n[structure]\nA = {A}\nB = [[1.0]]\nC = [[1.0]]\nbaseline = 'outside'\n[start]\npole_real = \

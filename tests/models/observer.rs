@@ -33,7 +33,7 @@ fn derivative(unit: &Unit, unknown: &str, known: &str) -> f64 {
 }
 
 #[test]
-fn the_observer_moves_as_its_equations_say() {
+fn the_observer_moves_by_its_equations() {
     let unit = siso(&[]);
     close(&[unit.get("y_tilde[1]"), unit.get("beta_l")], &[-0.5, BETA_L]);
     let beta = 10.0 * 0.5 * BETA_L - 10.0 * 1e-4 * 2.0;

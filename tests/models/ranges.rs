@@ -61,7 +61,7 @@ fn starts(execution: &mut Execution, start: &Block, place: usize, value: f64) ->
 }
 
 #[test]
-fn parameters_that_are_refused_below_zero_say_so() {
+fn parameters_that_are_refused_below_zero_declare_it() {
     let mut silent = Vec::new();
     for model in models() {
         let name = model.description().name.clone();

@@ -64,13 +64,13 @@ fn whatever_a_new_description_can_start_with_is_known_to_editors() {
 }
 
 #[test]
-fn every_key_says_what_it_is() {
+fn every_key_has_a_description() {
     let silent: Vec<_> = schema::keys().into_iter().filter(|key| key.text.len() <= 5).collect();
     assert!(silent.is_empty(), "no doc comment: {silent:#?}");
 }
 
 #[test]
-fn every_key_that_all_descriptions_have_stands_on_the_page_of_keys() {
+fn every_key_that_all_descriptions_have_is_on_the_page_of_keys() {
     let file = at_top("docs/description.md");
     let page = std::fs::read_to_string(&file).unwrap_or_default();
     let section = page.split("## Every description").nth(1).and_then(|rest| rest.split("\n## ").next()).unwrap();

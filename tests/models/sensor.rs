@@ -323,7 +323,7 @@ fn a_reset_sensor_repeats_its_noise() {
 }
 
 #[test]
-fn a_quantised_value_is_the_nearest_level_and_held_between_samples() {
+fn a_quantised_value_is_the_nearest_level_and_constant_between_samples() {
     let unit = started("resolution = [0.25]", 0.1);
     assert_eq!(unit.get("y[1]"), 0.0);
     unit.run(0.0, 1, 1e-3);

@@ -10,7 +10,7 @@ fn plant(structure: &str, start: &str) -> Unit {
 }
 
 #[test]
-fn it_moves_as_its_matrices_say() {
+fn it_moves_by_its_matrices() {
     // x1' = x2, x2' = −2 x1 − 3 x2 + u from rest, u = 1: y1 = (1 − 2 e^(−t) + e^(−2t))/2, y2 = x2 + 4 u.
     let structure =
         "A = [[0.0, 1.0], [-2.0, -3.0]]\nB = [[0.0], [1.0]]\nC = [[1.0, 0.0], [0.0, 1.0]]\nD = [[0.0], [4.0]]";
@@ -27,7 +27,7 @@ fn it_moves_as_its_matrices_say() {
 }
 
 #[test]
-fn without_d_nothing_is_fed_through_and_a_master_is_told() {
+fn without_d_nothing_is_fed_through_and_a_master_is_informed() {
     use adaptive_fmu::fmi2::model_description;
     let xml = |structure: &str| {
         let text = format!("{HEAD}{structure}");

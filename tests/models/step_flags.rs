@@ -52,7 +52,7 @@ fn a_loop_whose_control_is_off_by_a_quarter_is_flagged_and_one_that_is_right_is_
 }
 
 #[test]
-fn the_neuro_adaptive_law_tells_of_its_step() {
+fn the_neuro_adaptive_law_warns_of_its_step() {
     let at_the_plant = "x_m0 = [0.6, -0.8, 0.4]";
     let (ever, messages) = flagged(&unit("NeuroPpfCoupledMimo", at_the_plant), true, 1e-4, 200);
     assert!(ever && messages.len() == 1 && messages[0].contains("as a single FMU"), "{messages:?}");

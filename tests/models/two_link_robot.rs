@@ -176,7 +176,7 @@ fn variation(t: f64) -> [f64; 3] {
 }
 
 #[test]
-fn the_inertia_varies_with_time_when_it_is_told_to() {
+fn the_inertia_varies_with_time_when_chosen() {
     let mut random = Random::new(4);
     let (constant, varying) = (Robot::new(&[]), Unit::exchange("TwoLinkRobot"));
     assert_eq!(set_boolean(&varying, "inertia_variation", true), OK);
@@ -226,7 +226,7 @@ fn singular_time() -> f64 {
 }
 
 #[test]
-fn a_step_into_a_singular_inertia_matrix_is_an_error_that_tells_when() {
+fn a_step_into_a_singular_inertia_matrix_is_an_error_with_its_time() {
     let (unit, singular) = (varying(CO_SIMULATION), singular_time());
     unit.start(0.0);
     let step = 0.1;

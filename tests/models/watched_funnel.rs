@@ -35,7 +35,7 @@ fn the_control_is_that_of_the_controller_alone_bit_for_bit() {
 }
 
 #[test]
-fn an_error_that_leaves_the_funnel_is_told_when_it_does_and_counted() {
+fn an_error_that_leaves_the_funnel_is_reported_when_it_does_and_counted() {
     let unit = started(&watched("L1ActuatedSiso"), 0.5);
     // 0.9 e^(-t) + 0.1 is 0.5 at t = ln(9/4) = 0.81093 s.
     unit.run(0.0, 810, 1e-3);

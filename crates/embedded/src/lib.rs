@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shared_library_lies_beside_it() {
+    fn the_shared_library_is_next_to_it() {
         let folder = env::temp_dir().join(format!("embedded-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let rlib = folder.join("libown-12.rlib");

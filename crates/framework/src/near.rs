@@ -174,7 +174,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_user_may_have_meant_stands_first() {
+    fn what_a_user_may_have_meant_is_first() {
         let known = ["3.2.1-square", "3.2.1-cosine", "4-case1"];
         let message = choice("3.2.1-cosin", &known, "");
         assert_eq!(message, "did you mean `3.2.1-cosine`? There are: 3.2.1-square, 3.2.1-cosine, 4-case1");
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_list_is_shortened_to_the_nearest_and_tells_where_all_are() {
+    fn a_long_list_is_shortened_to_the_nearest_and_refers_to_all() {
         let known: Vec<String> = (1..=30).map(|k| format!("signal_{k}")).chain(["omega".to_owned()]).collect();
         let message = choice("omgea", &known, "`adaptive-fmu list`");
         assert!(message.starts_with("did you mean `omega`? There are: omega, signal_1, "), "{message}");
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_index_tells_the_range_that_is_allowed() {
+    fn the_message_on_a_wrong_index_has_the_range_that_is_allowed() {
         let known = ["plant.x[1]", "plant.x[2]", "K[1,1]", "K[1,2]", "K[1,3]", "D[1,1]", "D[2,2]", "y"];
         assert_eq!(choice("plant.x[3]", &known, ""), "its index must be within 1 … 2 in `plant.x`");
         assert_eq!(choice("K[3,1]", &known, ""), "its indices must be within 1 … 1 and 1 … 3 in `K`");
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_serde_does_not_know_are_told_the_same_way() {
+    fn keys_that_serde_does_not_know_are_reported_the_same_way() {
         let message = reworded("unknown field `strat`, expected one of `name`, `start`, `names`");
         assert_eq!(message, "there is no key `strat`; did you mean `start`? There are: name, start, names");
         assert_eq!(reworded("unknown field `a`, there are no fields"), "there is no key `a`; there are none");

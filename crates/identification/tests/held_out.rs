@@ -83,7 +83,7 @@ fn a_model_that_explains_nothing_is_not_sound() {
 }
 
 #[test]
-fn what_is_not_checked_is_said() {
+fn what_is_not_checked_is_reported() {
     let refused = |record: Record, options: &Options| {
         let found = good(identify_with(record, options));
         assert_eq!(kinds(&found), [Kind::NothingHeldOut], "{:?}", found.findings);

@@ -261,7 +261,7 @@ mod tests {
         assert!(written.windows(numbers.len()).any(|part| part == numbers));
     }
     #[test]
-    fn each_group_has_its_numbers_where_the_footer_says() {
+    fn each_group_has_its_numbers_where_the_footer_points() {
         let mut file = Writer::new(Vec::new(), vec!["time".into(), "x".into()]).unwrap();
         let groups = [vec![vec![0.0, 0.5, 1.0], vec![1.0, -2.5, 3.5]], vec![vec![1.5], vec![f64::MAX]]];
         for group in &groups {

@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_differs_is_told_by_its_way() {
+    fn what_differs_is_reported_by_its_path() {
         let was = json!({ "a": { "b": 1, "c": [1, 2] }, "d": "same" });
         let is = json!({ "a": { "b": 2, "c": [1, 2], "e": true }, "d": "same" });
         assert_eq!(differences(&was, &is), ["a.b was 1, is 2", "a.e was not there, is true"]);

@@ -255,7 +255,7 @@ fn an_actuator_a_million_times_faster_than_its_load_keeps_its_terms() {
 }
 
 #[test]
-fn outputs_that_show_the_same_input_first_are_told_apart_by_their_difference() {
+fn outputs_that_show_the_same_input_first_are_distinguished_by_their_difference() {
     let example = Example {
         A_m: matrix([[-1.0, 0.0, 1.0, 0.0], [0.0, -2.0, 0.0, 0.0], [0.0, 0.0, -3.0, 1.0], [0.0, 1.0, 0.0, -5.0]]),
         B: matrix([[1.0, 0.0], [2.0, 0.0], [0.0, 0.0], [0.0, 1.0]]),

@@ -89,7 +89,7 @@ fn other_priorities_cut_roll_and_pitch_in_place_of_the_thrust() {
 }
 
 #[test]
-fn rotors_keep_their_limits_and_give_what_is_said() {
+fn rotors_keep_their_limits_and_give_what_is_reported() {
     let mut random = Random(3);
     let mut cut = [0; 3];
     for _ in 0..20_000 {

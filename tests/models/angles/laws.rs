@@ -132,7 +132,7 @@ fn random_loops_take_wrapped_angles_for_unwrapped_ones() {
 }
 
 #[test]
-fn an_integral_of_an_angle_held_at_the_seam_stays_right() {
+fn an_integral_of_an_angle_that_stays_at_the_seam_is_right() {
     let found = closed(made(&pid(1.0, KEY)), [PI, 1e-3], 3000, EXPERIMENTS[3].1, [wrapped, wrapped]);
     assert!(found.iter().all(|[psi, _]| (psi - PI).abs() < 2.0 * DEGREE));
 }

@@ -93,7 +93,7 @@ fn on_the_robot_tuned_constants_do_as_much() {
 }
 
 #[test]
-fn on_another_trajectory_of_the_robot_it_is_as_told() {
+fn on_another_trajectory_of_the_robot_it_is_as_documented() {
     for (what, start, J) in [
         ("constant", NEVER_FUZZY, 1.958),
         ("as in the thesis", AS_IN_THE_THESIS, 0.991),
@@ -130,7 +130,7 @@ fn on_example_6_5_1_lowering_the_gain_only_costs() {
 }
 
 #[test]
-fn the_page_tells_these_numbers() {
+fn the_page_has_these_numbers() {
     let page = include_str!("../../../docs/controllers/fuzzy_l1.md");
     for row in [
         "| constant 30 | 0.34618 | 113.5, 89.5 | 1.958 | 0.21855 |",

@@ -62,7 +62,7 @@ fn started(start: &str) -> Run {
 }
 
 #[test]
-fn between_samples_the_barrier_is_held_and_at_one_it_answers() {
+fn between_samples_the_barrier_is_constant_and_at_one_it_answers() {
     let mut run = started("sample_time = 0.004");
     run.run(2, 0.004);
     run.set("x[1]", 0.5);
@@ -116,7 +116,7 @@ fn taking_over_makes_no_jump_and_the_barrier_waits_for_its_sample() {
 }
 
 #[test]
-fn steps_that_are_longer_than_the_sample_time_are_told_and_a_stiff_barrier_is_not() {
+fn steps_that_are_longer_than_the_sample_time_are_reported_and_a_stiff_barrier_is_not() {
     let mut run = started("sample_time = 0.001\nrho_inf = [0.001, 0.05, 0.05]\ndecay_rate = [1e3, 1.5, 1.5]");
     run.run(20, 0.001);
     run.set("x[1]", 2e-4);

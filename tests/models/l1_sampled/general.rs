@@ -118,7 +118,7 @@ fn same_controls(run: &mut Run, T: f64, controls: &[Vec<f64>], within: f64) {
 }
 
 #[test]
-fn the_loop_of_3_4_1_as_one_unit_is_that_of_the_equations_written_out() {
+fn the_loop_of_3_4_1_as_a_composite_is_that_of_the_equations_written_out() {
     for T in [5e-3, 2e-2] {
         let hand = unmatched(T, 0, 3.0);
         let text = description(UNMATCHED);
@@ -130,7 +130,7 @@ fn the_loop_of_3_4_1_as_one_unit_is_that_of_the_equations_written_out() {
 /// Plant and reference are stepped first, so a step of the reference at a sample counts in this sample. In the single
 /// FMU the sample takes the reference before its step.
 #[test]
-fn the_units_of_3_4_1_deviate_from_the_desired_model_as_the_page_says() {
+fn the_fmus_of_3_4_1_deviate_from_the_desired_model_as_documented() {
     let T = 1e-2;
     let [reference, plant, controller] = ["ReferenceUnmatchedMimo", "UnmatchedMimo", UNMATCHED].map(Unit::new);
     [&reference, &plant, &controller].iter().for_each(|unit| unit.start(0.0));
@@ -153,7 +153,7 @@ fn the_units_of_3_4_1_deviate_from_the_desired_model_as_the_page_says() {
 }
 
 #[test]
-fn as_one_unit_a_sample_takes_the_reference_before_its_step() {
+fn as_a_composite_a_sample_takes_the_reference_before_its_step() {
     let ideal = "model = 'state-space'\n[structure]\nA = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, -1.8]]\n\
                  B = [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]\nC = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]";
     let closed = whole(["ReferenceUnmatchedMimo", "UnmatchedMimo"], &description(UNMATCHED), "", [2, 3]);
@@ -186,7 +186,7 @@ fn separate_units_of_3_4_1_that_are_stepped_at_once_are_the_law_with_a_sample_of
 /// Uncertainty in psi'' and phi'' enters the control immediately there; the kinematic rows are found and not cancelled.
 /// Within limits that it sometimes exceeds, nothing winds up.
 #[test]
-fn the_twin_rotor_as_one_unit_is_that_of_the_equations_written_out() {
+fn the_twin_rotor_as_a_composite_is_that_of_the_equations_written_out() {
     for (T, limit) in [(5e-3, FREE), (1e-2, FREE), (1e-2, 0.6)] {
         let hand = twin(T, 0, limit, 4.0);
         let limits = format!("\nu_min = [-{limit:?}, -{limit:?}]\nu_max = [{limit:?}, {limit:?}]");

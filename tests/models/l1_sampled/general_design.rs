@@ -46,7 +46,7 @@ fn growth(T: f64, d: usize, gain: f64, late: usize) -> f64 {
 
 /// Within the margins of the report the loop of the equations written out decays, beyond them it grows.
 #[test]
-fn the_report_tells_what_input_gains_and_dead_times_the_general_form_bears() {
+fn the_report_has_the_input_gains_and_dead_times_that_the_general_form_tolerates() {
     for (T, d) in [(0.01, 0), (0.02, 1)] {
         let found = report(&unmatched(T, d).replace("step = 0.01", &format!("step = {T:?}")));
         assert!(found.findings.iter().all(|finding| finding.verdict != Verdict::NotSound), "{:?}", found.findings);
@@ -60,7 +60,7 @@ fn the_report_tells_what_input_gains_and_dead_times_the_general_form_bears() {
 
 /// The nominal loop has the poles of the desired dynamics and of the filter's loop.
 #[test]
-fn the_poles_that_the_report_tells_are_those_of_the_plant_and_of_the_filter() {
+fn the_poles_in_the_report_are_those_of_the_plant_and_of_the_filter() {
     let found = report(&unmatched(0.01, 0));
     // s = −0.9 ± 0.4359j of the desired dynamics is the slowest, then s = −1.
     near("largest magnitude", number(&found, "largest magnitude of the poles"), (-0.9_f64 * 0.01).exp(), 1e-9);

@@ -191,7 +191,7 @@ fn rates_and_control_are_those_of_the_formulas_anywhere() {
 /// Over a sample time with constant x and r, increments have one sign: the sampled controller in closed form does the
 /// same as the continuous one.
 #[test]
-fn a_sample_leads_where_the_continuous_law_does_with_held_inputs() {
+fn a_sample_leads_where_the_continuous_law_does_with_sampled_inputs() {
     let mut random = Random::new(8);
     let T = 0.02;
     for _ in 0..12 {

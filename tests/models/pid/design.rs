@@ -42,7 +42,7 @@ fn finding<'a>(findings: &'a [Finding], name: &str) -> Option<&'a Finding> {
 }
 
 #[test]
-fn the_report_tells_what_a_held_output_leaves_of_the_derivative() {
+fn the_report_shows_what_a_sampled_output_leaves_of_the_derivative() {
     for (N, H, verdict) in [(100.0, 1e-3, Verdict::Ok), (100.0, 0.01, Verdict::Warning), (20.0, 0.02, Verdict::Ok)] {
         let start = format!("K_p = [1.0]\nK_d = [1.0]\nN = [{N:?}]");
         let found = findings(&start, H);
@@ -64,7 +64,7 @@ fn the_report_tells_what_a_held_output_leaves_of_the_derivative() {
 }
 
 #[test]
-fn the_report_tells_of_a_filter_that_ends_the_derivative_and_of_an_integral_that_winds_up() {
+fn the_report_warns_of_a_filter_that_ends_the_derivative_and_of_an_integral_that_winds_up() {
     let narrow = findings("K_p = [4.0]\nK_d = [1.0]\nN = [5.0]", 1e-3);
     let corner = finding(&narrow, "corner frequency").unwrap();
     assert!(corner.verdict == Verdict::Warning && corner.note.contains("8 rad/s"), "{corner:?}");

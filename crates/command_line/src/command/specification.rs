@@ -196,14 +196,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_none_says_what_one_is() {
+    fn what_is_none_is_refused_with_what_one_is() {
         for text in ["", "@a.ssv", "3.2.1-cosine@", "3.2.1-cosine:=1", "3.2.1-cosine:x=", "3.2.1-cosine:x=1,", ":x=1"] {
             assert!(text.parse::<Specification>().is_err(), "{text}");
         }
     }
 
     #[test]
-    fn results_are_kept_under_what_a_run_has_beside_its_loop() {
+    fn results_are_stored_under_what_a_run_has_in_addition_to_its_loop() {
         assert_eq!(of("x", &[], &[]).tag(), None);
         assert_eq!(of("x", &["a/fast.ssv"], &["m[1,2]=3"]).tag().as_deref(), Some("fast,m_1,2_=3"));
     }

@@ -99,7 +99,7 @@ fn an_input_that_jumps_counts_up_to_its_jump() {
 }
 
 #[test]
-fn events_without_end_are_told() {
+fn events_without_end_are_reported() {
     for behaviour in ["now", "chatters"] {
         let error = Other::new().error(behaviour, &["--until", "1", "--step", "0.01"]);
         assert!(error.contains("too many events, "), "{behaviour}: {error}");

@@ -71,7 +71,7 @@ fn loop_warnings(recording: &Recording) -> Vec<&String> {
 }
 
 #[test]
-fn a_plant_that_tells_no_dependencies_runs_in_a_loop_in_both_orders() {
+fn a_plant_that_declares_no_dependencies_runs_in_a_loop_in_both_orders() {
     for structure in [UNTOLD, "<ModelStructure><Outputs/></ModelStructure>", "<ModelStructure/>", ""] {
         for order in [Order::Jacobi, Order::GaussSeidel] {
             let units = [("lag.c", LAG, structure), ("gain.c", GAIN, DEPENDENCIES)];
@@ -110,7 +110,7 @@ fn values_that_go_round_at_once_settle_before_the_first_step() {
 }
 
 #[test]
-fn values_that_never_settle_are_told_by_the_signal_and_its_change() {
+fn values_that_never_settle_are_reported_by_the_signal_and_its_change() {
     let units = [("gain.c", GAIN, UNTOLD), ("gain.c", GAIN, UNTOLD)];
     let recording = Pair::new(units, &(gain("one", 2.0) + &gain("two", 3.0)), "gauss-seidel").recording();
     let warnings = loop_warnings(&recording);
@@ -240,7 +240,7 @@ fn a_structure_without_our_annotation_runs_as_its_units_propose() {
 
 /// Static units, each driven by the one before, in an order that passes a value on by one unit a round.
 #[test]
-fn a_value_has_gone_through_all_units_when_a_run_begins_and_many_are_told_by_their_number() {
+fn a_value_has_gone_through_all_units_when_a_run_begins_and_many_are_reported_by_their_number() {
     const COUNT: usize = 40;
     let folder = places();
     let passes = "name = \"Passes\"\nmodel = \"state-space\"\ndescription = \"\"\n[structure]\nA = [[-1.0]]\n\

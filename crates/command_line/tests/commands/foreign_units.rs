@@ -135,7 +135,7 @@ fn a_sound_unit_gives_the_same_in_both_places() {
 }
 
 #[test]
-fn a_crash_is_told_and_what_was_computed_is_kept() {
+fn a_crash_is_reported_and_what_was_computed_is_saved() {
     let (error, last) = failure(1, &[]);
     assert!(error.contains("second: fmi2DoStep failed at t = 0.5 s: crashed") && error.contains("SIGSEGV"), "{error}");
     assert!((last - 0.5).abs() < 1e-9);
@@ -204,7 +204,7 @@ fn messages_may_come_from_any_thread() {
 }
 
 #[test]
-fn an_answer_that_is_no_status_is_told() {
+fn an_answer_that_is_no_status_is_reported() {
     let (error, _) = failure(10, &[]);
     assert!(error.contains("it returned 17, which is not a status of the FMI standard"), "{error}");
 }

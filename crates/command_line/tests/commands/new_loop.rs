@@ -193,7 +193,7 @@ fn what_has_no_name_of_another_or_does_not_fit_is_left_to_a_person() {
 }
 
 #[test]
-fn units_that_pass_values_round_at_once_are_written_and_told_of() {
+fn fmus_in_an_algebraic_loop_are_written_and_reported() {
     let folder = tempfile::tempdir().unwrap();
     for (name, input, output) in [("One", "a", "b"), ("Two", "b", "a")] {
         let variables = foreign::variables(&[(input, "input", ""), (output, "output", "")]);

@@ -47,7 +47,7 @@ fn a_file_is_replaced_as_a_whole_with_the_permissions_of_any_new_file() {
 }
 
 #[test]
-fn no_link_is_followed_wherever_it_stands() {
+fn no_link_is_followed_wherever_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let (path, elsewhere) = (folder.path(), folder.path().join("elsewhere"));
     fs::create_dir(&elsewhere).unwrap();

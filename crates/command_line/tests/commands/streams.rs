@@ -73,7 +73,7 @@ fn a_reader_who_has_seen_enough_changes_nothing() {
 }
 
 #[test]
-fn a_full_disk_is_told_and_the_command_counts_as_not_done() {
+fn a_full_disk_is_reported_and_the_command_counts_as_not_done() {
     with_each_command(|words, _| {
         let done = program(words).stdout(full()).output().unwrap();
         assert_eq!(done.status.code(), Some(1), "{words:?}: {done:?}");

@@ -94,7 +94,7 @@ fn nothing_is_found_in_any_unit_of_this_package() {
 }
 
 #[test]
-fn nothing_is_found_in_a_whole_loop_or_in_a_unit_with_names_of_its_own() {
+fn nothing_is_found_in_a_composite_or_in_a_unit_with_names_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     assert!(program(&["export", "--composite", "3.3.1-case2", "--out", out]).status.success());
@@ -427,7 +427,7 @@ fn what_a_unit_does_when_it_is_run_is_found() {
 }
 
 #[test]
-fn findings_are_told_to_scripts_too() {
+fn findings_are_printed_for_scripts_too() {
     let (_folder, file) = built(&["OTHER_START"], "");
     let done = program(&["validate", file.to_str().unwrap(), "--json"]);
     let output: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_and_goes_is_told_once_and_a_change_of_the_general_method_each_time() {
+    fn what_comes_and_goes_is_logged_once_and_a_change_of_the_general_method_each_time() {
         let mut choices = Choices::default();
         let mut reports = |by: Integrates, from: f64| {
             choices.note(chosen(by, from));
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_went_there_and_back_is_no_news_and_changes_without_end_are_told_to_an_end() {
+    fn what_went_there_and_back_is_no_news_and_endless_changes_are_logged_up_to_a_number() {
         use Integrates::{Explicit, Stiff};
         let mut choices = Choices::default();
         choices.note(chosen(Explicit, 0.0));

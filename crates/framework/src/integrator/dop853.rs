@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_stand_where_their_weights_say() {
+    fn stages_are_where_their_weights_put_them() {
         let rows: [&[f64]; 11] = [&A2, &A3, &A4, &A5, &A6, &A7, &A8, &A9, &A10, &A11, &A12];
         for (row, node) in rows.into_iter().zip(NODES) {
             assert!((row.iter().sum::<f64>() - node).abs() < 1e-13, "{row:?}");

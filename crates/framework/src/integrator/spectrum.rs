@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn many_equal_eigenvalues_beside_large_ones_are_found() {
+    fn many_equal_eigenvalues_among_large_ones_are_found() {
         // As a network's: each of its weights decays at one rate, and two products of vectors couple them.
         let mut state = 3;
         for (size, large) in [(40, 90.0), (64, 2e3), (64, 1e6), (184, 1e6), (184, 2e9)] {
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn many_equal_pairs_beside_a_large_one_are_found() {
+    fn many_equal_pairs_next_to_a_large_one_are_found() {
         let mut state = 5;
         for (size, large) in [(24, 1e3), (60, 1e4), (100, 1e7)] {
             let mut blocks = DMatrix::zeros(size, size);
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn eigenvalues_that_stand_alone_are_exact() {
+    fn isolated_eigenvalues_are_exact() {
         // A stiff chain, triangular in some order of its states.
         let a = DMatrix::from_row_slice(
             4,

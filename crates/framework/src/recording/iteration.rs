@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn an_iteration_may_stand_in_another() {
+    fn iterations_may_be_nested() {
         for last in [0.0, 1.0, 4.0, 6.0] {
             let (found, _, tape) = recorded([last], |[last]| vec![factorials(last)]);
             assert_eq!(found[0], factorials(last));

@@ -182,7 +182,7 @@ fn the_change_to_the_stiff_method_and_back_allocates_nothing() {
 }
 
 #[test]
-fn a_step_of_a_whole_loop_allocates_nothing() {
+fn a_step_of_a_composite_allocates_nothing() {
     let text = whole("3.2.1-cosine");
     for method in [1, 3] {
         let unit = Unit::from_text(&text);
@@ -270,7 +270,7 @@ fn tunables(unit: &Unit) -> (Vec<u32>, Vec<f64>) {
 }
 
 #[test]
-fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
+fn a_step_that_takes_over_parameters_allocates_as_documented() {
     let (mut wrong, mut rows) = (Vec::new(), String::new());
     let page = pages::generated("docs/internals.md", "allocations");
     for name in description_names() {
@@ -309,7 +309,7 @@ fn a_step_that_takes_over_parameters_allocates_what_the_page_says() {
 }
 
 #[test]
-fn a_warning_allocates_no_more_than_the_page_says() {
+fn a_warning_allocates_no_more_than_documented() {
     assert!(
         std::fs::read_to_string(common::at_top("docs/internals.md"))
             .unwrap()

@@ -51,7 +51,7 @@ fn ticks_of_a_long_step_are_all_taken_at_their_own_times() {
 }
 
 #[test]
-fn the_fastest_clock_that_time_can_tell_is_followed_and_a_step_that_holds_too_many_ticks_ends() {
+fn the_fastest_clock_that_time_resolves_is_followed_and_a_step_that_has_too_many_ticks_ends() {
     for start in [0.0, 10.0] {
         let mut run = Run::of::<Metronome>("period = 1e-12", start);
         run.step(1e-8);

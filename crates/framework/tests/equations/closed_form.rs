@@ -124,7 +124,7 @@ fn it_knows_the_limits_of_the_control() {
 }
 
 #[test]
-fn it_follows_what_the_limits_leave_as_fast_as_it_is_told_to() {
+fn it_follows_what_the_limits_leave_at_the_given_speed() {
     let filter = "filter = { denominator = [[1.0, 0.0], [0.01, 1.0]], numerator = [[0.005, 1.0]], gain = 1.5 }";
     for (name, lo, hi) in
         [("L1ActuatedSiso", -1.0, 3.0), ("FuzzyL1ActuatedSiso", -2.0, 3.0), ("L1TwoLinkRobot", -20.0, 10.0)]

@@ -136,7 +136,7 @@ parts = [{ name = "a", model = "lag", start = { d = 0.5 } }, { name = "b", model
 "#;
 
 #[test]
-fn a_feedback_connection_is_the_system_that_its_equations_say() {
+fn a_feedback_connection_is_the_system_of_its_equations() {
     // a' = (−b + w) − a, b' = 3 (a + 0.5 (−b + w) − b), with w the open input of a: w = 1 settles at a = 0.4, b = 0.6.
     let mut run = whole(TWO_LAGS);
     run.set("a.u[2]", 1.0);
@@ -225,7 +225,7 @@ fn a_tiny_difference_keeps_its_digits() {
 }
 
 #[test]
-fn a_whole_loop_of_this_package_starts_and_depends_on_what_it_says() {
+fn a_composite_of_this_package_starts_and_depends_as_declared() {
     for (name, _) in exporter::loops() {
         let model = Model::from_description(Description::read(&whole_loop(name)).unwrap(), REGISTRY).unwrap();
         let variables = model.variables();
@@ -261,7 +261,7 @@ fn changed(old: &str, new: &str) -> Structure {
 }
 
 #[test]
-fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
+fn a_loop_as_a_composite_is_checked_as_one_of_separate_units() {
     let library = Library::next_to_program().unwrap();
     let to_plant = r#"startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
     let scaled = to_plant.replace("/>", r#"><ssc:LinearTransformation factor="2"/></ssd:Connection>"#);
@@ -287,7 +287,7 @@ fn a_loop_as_one_unit_is_checked_as_one_of_separate_units() {
 }
 
 #[test]
-fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
+fn start_values_of_a_loop_hold_in_the_composite_and_what_it_leaves_out_is_reported() {
     let library = Library::next_to_program().unwrap();
     let mut structure = changed("", "");
     // An enumeration by the number of its item, as FMI's functions take it.
@@ -307,7 +307,7 @@ fn start_values_of_a_loop_hold_in_the_whole_and_what_it_leaves_out_is_told() {
 }
 
 #[test]
-fn an_input_that_nothing_is_connected_to_is_told_and_stays_one() {
+fn an_input_that_nothing_is_connected_to_is_reported_and_stays_one() {
     let connection =
         r#"<ssd:Connection startElement="controller" startConnector="u[1]" endElement="plant" endConnector="u[1]"/>"#;
     let (source, notes) = composite(&changed(connection, ""), &Library::next_to_program().unwrap()).unwrap();

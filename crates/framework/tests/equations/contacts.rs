@@ -90,7 +90,7 @@ fn a_cart_does_not_pass_its_end_stop() {
 }
 
 #[test]
-fn a_cart_that_stands_at_its_end_stop_is_not_pushed_through_later() {
+fn a_cart_at_its_end_stop_is_not_pushed_through_later() {
     for step in [0.01, 0.5, 5.0] {
         let mut cart = Run::of::<Cart>("force = 0.0\nspeed_0 = 1.0", 0.0);
         assert_eq!(run(&mut cart, step, 5.0, |_| ()), None);

@@ -246,7 +246,7 @@ fn the_plant_of_example_3_2_1_without_control_ends_in_an_error_and_not_with_numb
 }
 
 #[test]
-fn what_a_system_itself_finds_wrong_is_told_at_the_end_of_a_step() {
+fn what_a_system_itself_finds_wrong_is_reported_at_the_end_of_a_step() {
     let unit = unit("closing");
     unit.start(0.0);
     unit.put("needed", 0.5);
@@ -259,7 +259,7 @@ fn what_a_system_itself_finds_wrong_is_told_at_the_end_of_a_step() {
 }
 
 #[test]
-fn where_no_step_leads_on_the_system_says_what_is_wrong_there() {
+fn where_no_step_leads_on_the_system_reports_what_is_wrong_there() {
     for method in [1, 2, 3] {
         let unit = unit("closing");
         assert_eq!(unit.set_integer("integration_method", method), OK);

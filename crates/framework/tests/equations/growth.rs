@@ -39,7 +39,7 @@ fn run(execution: &mut Execution, h: f64, t: f64) -> Result<(), StepError> {
 }
 
 #[test]
-fn a_growing_oscillation_beside_a_stiff_mode_is_seen_from_far_below_the_tolerance() {
+fn a_growing_oscillation_next_to_a_stiff_mode_is_seen_from_far_below_the_tolerance() {
     let a = DMatrix::from_row_slice(
         4,
         4,
@@ -125,7 +125,7 @@ fn plant(random: &mut Random) -> Plant {
 }
 
 #[test]
-fn growth_rates_of_random_plants_are_right_or_the_step_says_why_not() {
+fn growth_rates_of_random_plants_are_right_or_the_step_reports_why_not() {
     let random = &mut Random::new(22);
     let mut checked = 0;
     for _ in 0..40 {

@@ -178,7 +178,7 @@ fn assert_near(value: f64, expected: f64, what: &str) {
 }
 
 #[test]
-fn held_inputs_are_held_exactly() {
+fn sampled_inputs_are_constant_exactly() {
     let run = sampled_ramp("", |_, _| {});
     let (mut q, mut p) = (0.0, 0.0);
     for k in 0..STEPS {

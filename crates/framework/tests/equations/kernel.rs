@@ -143,7 +143,7 @@ fn the_kernels_of_all_units_give_the_bits_of_the_equations() {
 }
 
 #[test]
-fn the_kernels_of_all_whole_loops_give_the_bits_of_the_equations() {
+fn the_kernels_of_all_composites_give_the_bits_of_the_equations() {
     let mut random = Random::new(29);
     sampled(whole_loops()).iter().for_each(|model| compare(model, 20, &mut random));
 }

@@ -37,7 +37,7 @@ fn error(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
 }
 
 #[test]
-fn outputs_of_whole_loops_are_within_ten_times_the_tolerance() {
+fn outputs_of_composites_are_within_ten_times_the_tolerance() {
     for name in ["3.3.1-case2", "3.3.2-case1", "3.3.3", "3.4.2", "4-case1"] {
         let exact = outputs(name, "stiff", 1e-11);
         for tolerance in [1e-4, 1e-6, 1e-8] {

@@ -285,7 +285,7 @@ fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
 }
 
 #[test]
-fn recordings_of_all_whole_loops_give_the_bits_of_the_equations() {
+fn recordings_of_all_composites_give_the_bits_of_the_equations() {
     let mut random = Random::new(25);
     for model in sampled(whole_loops()) {
         let (all, missed, _) = compare(&model, &mut random, (60, TRIES[1]));

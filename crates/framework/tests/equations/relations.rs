@@ -74,7 +74,7 @@ fn what_follows_is_computed_after_what_was_designed() {
 }
 
 #[test]
-fn relations_that_are_broken_are_told_with_what_the_design_refuses() {
+fn relations_that_are_broken_are_reported_with_what_the_design_refuses() {
     let error = model("gain = 11.0\ntime_constant = 5.0\nleast = 5.0").unwrap_err();
     let expected = [
         "least = 5: must be below time_constant = 5",

@@ -154,7 +154,7 @@ fn the_source_of_a_unit_with_bounds_of_single_elements_gives_the_bits_of_the_equ
 }
 
 #[test]
-fn the_source_of_all_whole_loops_gives_the_bits_of_the_equations() {
+fn the_source_of_all_composites_gives_the_bits_of_the_equations() {
     let mut random = Random::new(27);
     let folder = folder();
     for model in sampled(whole_loops()) {
@@ -177,7 +177,7 @@ const LAWS: [(&str, &str); 9] = [
 ];
 
 #[test]
-fn equations_stand_beside_where_they_are_from() {
+fn equations_are_shown_with_their_source() {
     for name in description_names() {
         let model = Model::from_description(Description::read(&description(&name)).unwrap(), REGISTRY).unwrap();
         let files = source::files(&model).unwrap();

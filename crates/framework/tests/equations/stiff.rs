@@ -231,7 +231,7 @@ fn a_saved_state_continues_bit_for_bit_in_a_stiff_phase_and_on_its_way_into_it()
 }
 
 #[test]
-fn divergence_is_told_by_the_stiff_method_too() {
+fn divergence_is_reported_by_the_stiff_method_too() {
     let mut run = run_of::<Growth>("stiff", "rate = 10");
     let error = run.failure(10.0);
     let StepError::Diverged { variable, time, .. } = &error else { panic!("{error}") };

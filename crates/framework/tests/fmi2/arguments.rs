@@ -256,7 +256,7 @@ fn numbers_in_messages_can_be_read() {
 }
 
 #[test]
-fn a_text_of_the_masters_with_line_ends_is_told_of_in_one_line() {
+fn a_text_of_the_masters_with_line_ends_is_reported_in_one_line() {
     let unit = controller();
     let category = c"log\n100%\r\x1b".as_ptr();
     unit.refuses(&["fmi2SetDebugLogging", r"`log\n100%%\r"], |unit| unsafe {

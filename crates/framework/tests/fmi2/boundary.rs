@@ -43,7 +43,7 @@ fn instances_in_several_threads_do_not_disturb_each_other() {
 }
 
 #[test]
-fn the_unit_says_which_standard_it_speaks() {
+fn the_fmu_has_the_version_of_its_standard() {
     let text = |pointer| unsafe { std::ffi::CStr::from_ptr(pointer) }.to_str().unwrap();
     assert_eq!(text(unsafe { fmi2GetVersion() }), "2.0");
     assert_eq!(text(unsafe { fmi2GetTypesPlatform() }), "default");

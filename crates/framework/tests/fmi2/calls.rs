@@ -170,7 +170,7 @@ fn states_are_saved_and_restored_in_every_phase() {
 }
 
 #[test]
-fn the_status_of_steps_is_told_once_there_can_be_steps() {
+fn the_status_of_steps_is_given_once_there_can_be_steps() {
     check(STATUS);
 }
 

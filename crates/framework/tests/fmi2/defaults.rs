@@ -34,7 +34,7 @@ fn every_unit_runs_from_its_own_defaults_in_model_exchange() {
 }
 
 #[test]
-fn limits_are_printed_with_the_digits_that_tell() {
+fn limits_are_printed_with_significant_digits() {
     let text = description("NeuroPpfTwoLinkRobot");
     let (text, _) = text.rsplit_once("\nx = ").unwrap();
     // An arm on its reference, as any tool has it that sets all inputs to 0.

@@ -63,7 +63,7 @@ fn values_set_before_initialization_mode_count_too() {
 }
 
 #[test]
-fn a_start_that_is_refused_can_be_mended_in_initialization_mode() {
+fn a_start_that_is_refused_can_be_corrected_in_initialization_mode() {
     let unit = Unit::new("L1NonlinearSiso");
     unit.put("adaptation_gain", -1.0);
     unit.enter(0.0);

@@ -116,7 +116,7 @@ fn missing_resources_are_named() {
 }
 
 #[test]
-fn a_null_resource_location_is_an_error_where_no_resources_lie_beside_the_library() {
+fn a_null_resource_location_is_an_error_where_no_resources_are_next_to_the_library() {
     // The test's own executable is no unpacked FMU.
     assert_names(&refused(|request| request.location = None), &["fmi2Instantiate"]);
     assert_names(&refused(|request| request.location = Some("".into())), &["fmi2Instantiate"]);

@@ -67,7 +67,7 @@ fn nominal_values_are_those_of_the_description() {
 }
 
 #[test]
-fn the_derivatives_of_the_description_stand_in_the_order_of_the_states() {
+fn the_derivatives_of_the_description_are_in_the_order_of_the_states() {
     for name in description_names() {
         let unit = started(&name);
         let xml = std::fs::read_to_string(description_folder().join(format!("{name}.xml"))).unwrap();
@@ -93,7 +93,7 @@ fn the_derivatives_of_the_description_stand_in_the_order_of_the_states() {
 }
 
 #[test]
-fn a_square_wave_has_its_edges_where_it_says() {
+fn a_square_wave_has_its_edges_at_the_given_times() {
     let unit = Unit::exchange_from_text(
         &description("ReferenceNonlinearSiso").replace("signal = \"cosine\"", "signal = \"square\""),
     );
@@ -154,7 +154,7 @@ fn a_bouncing_ball_bounces_at_its_exact_times() {
 }
 
 #[test]
-fn a_master_that_looks_at_no_indicator_is_told_of_each_event() {
+fn a_master_that_looks_at_no_indicator_is_informed_of_each_event() {
     // Steps of 1 ms, each bounce noticed at the end of the step in which it was.
     let unit = Unit::exchange_of::<Ball>("");
     unit.begin();
@@ -233,7 +233,7 @@ fn events_without_end_are_an_error_and_values_are_as_before() {
 }
 
 #[test]
-fn a_unit_is_told_the_length_of_each_completed_step() {
+fn an_fmu_gets_the_length_of_each_completed_step() {
     let unit = Unit::exchange_of::<Odometer>("");
     unit.begin();
     for (t, length) in [(0.25, 0.25), (0.75, 0.5), (0.75, 0.5), (2.0, 1.25)] {

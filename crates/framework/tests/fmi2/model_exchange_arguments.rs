@@ -43,7 +43,7 @@ fn parameters_tuned_at_an_event_are_taken_over_together() {
 }
 
 #[test]
-fn estimates_outside_tightened_bounds_are_brought_to_them_and_the_master_is_told() {
+fn estimates_outside_tightened_bounds_are_brought_to_them_and_the_master_is_informed() {
     let unit = controller();
     let states = unit.states();
     assert!(unit.get("theta_hat[1,1]") != 0.0);

@@ -76,7 +76,7 @@ fn derivatives_of_the_start_are_those_of_its_values() {
 
 /// A start value changes only with its declared dependencies.
 #[test]
-fn nothing_untold_changes_the_start() {
+fn nothing_undeclared_changes_the_start() {
     let mut random = Random::new(8);
     for name in description_names() {
         let mut execution = Execution::new(model(&open_description(&name)));

@@ -273,7 +273,7 @@ fn a_freed_state_stays_refused_however_many_are_saved_after_it() {
 }
 
 #[test]
-fn many_states_are_kept_apart() {
+fn many_saved_states_are_independent() {
     let unit = Unit::started("ReferenceNonlinearSiso");
     let mut saved = Vec::new();
     for k in 0..300 {

@@ -30,7 +30,7 @@ fn a_step_that_is_not_above_zero_is_refused() {
 }
 
 #[test]
-fn a_communication_point_where_the_unit_does_not_stand_is_refused() {
+fn a_communication_point_other_than_the_time_of_the_fmu_is_refused() {
     let unit = started_clock();
     for point in [0.0, 0.5, 1.0 + 3e-3, 1.0 - 3e-3, 2.0, -1.0, f64::NAN, f64::INFINITY] {
         unit.refuses(&["fmi2DoStep", "currentCommunicationPoint", "t = 1 s"], |unit| unit.step(point, 1.0));

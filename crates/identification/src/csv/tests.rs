@@ -55,7 +55,7 @@ fn cells_may_be_empty_booleans_or_nan() {
 }
 
 #[test]
-fn units_stand_in_brackets_or_in_a_second_row_and_indices_are_none() {
+fn units_are_in_brackets_or_in_a_second_row_and_indices_are_none() {
     let units = |text: &str| -> Vec<(String, Option<String>)> {
         read(text).unwrap().columns.into_iter().map(|column| (column.name, column.unit)).collect()
     };

@@ -79,7 +79,7 @@ fn many_steps_are_near_64_of_them() {
 }
 
 #[test]
-fn an_input_with_a_delay_is_what_was_held_before() {
+fn an_input_with_a_delay_is_the_value_before() {
     let late = |hold| delayed(&[0.0, 1.0, 2.0, 3.0], &[5.0, 6.0, 7.0, 8.0], 1.5, hold);
     assert!(late(Hold::ZeroOrder)[..2].iter().all(|value| value.is_nan()));
     assert_eq!(late(Hold::ZeroOrder)[2..], [5.0, 6.0]);

@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_that_stands_for_no_limit_has_no_slider() {
+    fn a_number_that_means_no_limit_has_no_slider() {
         assert_eq!(range(-1e15, (None, None), None), (None, false));
     }
 }

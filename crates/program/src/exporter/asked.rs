@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_or_no_library_is_not_told_of() {
+    fn what_is_broken_or_no_library_is_not_reported() {
         let whole = library(&[("GLIBC_2.2.5", 0), ("GLIBC_2.35", 0)], 2);
         assert!(Asked::by(b"").is_none() && Asked::by(b"MZ\0 of somebody else's").is_none());
         for length in 0..whole.len() {

@@ -149,7 +149,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn elements_of_a_vector_are_told_as_a_range() {
+    fn elements_of_a_vector_are_reported_as_a_range() {
         let ranges_of = |names: &[&str]| ranges(names.iter().copied());
         assert_eq!(ranges_of(&["x[1]", "x[2]", "x[3]", "u[1]", "enabled"]), ["x[1…3]", "u[1]", "enabled"]);
         assert_eq!(ranges_of(&["x[1]", "x[3]", "speed", "current"]), ["x[1]", "x[3]", "speed", "current"]);

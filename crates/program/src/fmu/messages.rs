@@ -314,7 +314,7 @@ mod tests {
 
     #[test]
     #[cfg(all(target_arch = "x86_64", unix))]
-    fn what_is_told_of_a_call_that_went_well_is_kept_where_that_is_asked_for() {
+    fn messages_of_a_call_that_succeeded_are_stored_where_that_is_asked_for() {
         let log = Log::keeping(true);
         let environment = std::ptr::from_ref(&log).cast_mut().cast();
         // SAFETY: the argument matches the format.
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn after_the_hundredth_messages_are_counted_and_the_last_is_kept() {
+    fn after_the_hundredth_messages_are_counted_and_the_last_is_stored() {
         let mut messages = Messages::default();
         (0..250).for_each(|k| messages.push(&k.to_string()));
         let texts: Vec<_> = messages.iter().collect();

@@ -235,7 +235,7 @@ mod tests {
 
     /// A run ends early exactly if its full cost exceeds the bound.
     #[test]
-    fn a_run_that_ends_for_its_cost_says_the_same_to_a_search_as_the_whole_one() {
+    fn a_run_that_ends_for_its_cost_means_the_same_for_a_search_as_the_whole_one() {
         let (mut cut, mut whole) = (0, 0);
         for seed in 0..200 {
             // From calm runs to runs that fail once errors are judged.

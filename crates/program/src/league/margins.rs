@@ -153,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_margin_is_found_to_its_part_and_ends_of_the_range_are_told() {
+    fn a_margin_is_found_to_its_part_and_ends_of_the_range_are_reported() {
         let found = |most: f64| bisected((1e-3, 1.0), 0.05, || true, |value| Ok(value <= most)).unwrap();
         for most in [0.0011, 0.02, 0.3, 0.97] {
             let Margin { value, bound } = found(most);

@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_metric_is_told_with_its_limit_where_it_has_both() {
+    fn a_metric_is_reported_with_its_limit_where_it_has_both() {
         let text = |value, limit| piece(&Measured { label: "max |e|, t >= 5 s".into(), value, limit });
         assert_eq!(text(Some(0.5), Some(1.0)), "max |e| 0.5000 ≤ 1");
         assert_eq!(text(Some(2.0), Some(1.0)), "max |e| 2.000 > 1");

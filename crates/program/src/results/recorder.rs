@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_taken_in_blocks_has_the_table_and_the_metrics_of_one_that_is_kept() {
+    fn a_run_taken_in_blocks_has_the_table_and_the_metrics_of_one_in_memory() {
         // Also of runs that end early.
         for count in [2, 3, 1000, 1701] {
             let mut whole = recording(count);
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_tells_that_points_are_left_out_where_some_are() {
+    fn a_page_notes_that_points_are_left_out_where_some_are() {
         let (structure, recording) = (structure(), recording(10));
         let settings = Settings { start_time: 1.0, stop_time: 3.0, step: 1e-3 };
         let page = |thinned| {

@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn a_discrete_input_is_held() {
+    fn a_discrete_input_is_constant_between_its_rows() {
         let inputs = inputs(Kind::Held);
         assert_eq!([0.5, 1.0, 1.9].map(|time| inputs.value(&inputs.columns[0], time)), [1.0, 5.0, 5.0]);
     }

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_grows_or_swings_is_told_by_its_place_and_change() {
+    fn what_grows_or_swings_is_reported_by_its_place_and_change() {
         let (settled, growing) = rounds(-10.0, 1.0);
         assert!(settled.is_none() && growing.rounds() < 10 && growing.moves_most().0 == 1);
         let (settled, swinging) = rounds(-1.0, 3.0);

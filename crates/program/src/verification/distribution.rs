@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_distribution_says_what_is_wrong() {
+    fn what_is_no_distribution_is_refused_with_the_reason() {
         let refused = |text: &str| text.parse::<Vary>().unwrap_err();
         for text in ["m", "=1..2", "m=3", "m=1..2/lin", "m=normal(1)", "m=normal 1,2", "m=a..b", "m=0..inf"] {
             assert!(refused(text).contains("NAME=±30%"), "{text}: {}", refused(text));

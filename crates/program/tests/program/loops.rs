@@ -19,7 +19,7 @@ fn an_algebraic_loop_is_named_signal_by_signal() {
 }
 
 #[test]
-fn a_circle_through_a_delay_is_none() {
+fn no_algebraic_loop_goes_through_a_delay() {
     let folder = Folder::new(&(connection("one.y", "two.u") + &connection("two.z", "one.u")));
     assert_eq!(folder.wiring().unwrap().links.len(), 2);
 }
@@ -38,7 +38,7 @@ fn a_declared_algebraic_loop_is_refused_with_the_option_that_accepts_it() {
 }
 
 #[test]
-fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_told() {
+fn an_output_of_unknown_dependencies_closes_no_algebraic_loop_but_is_reported() {
     let folder = Folder::new(&connection("one.alarm", "one.enabled"));
     let wiring = folder.wiring().unwrap();
     let notes: Vec<_> = wiring.notes.iter().filter(|note| note.contains("algebraic loop")).collect();
@@ -78,7 +78,7 @@ fn a_connection_that_fits_nothing_is_refused_by_name_and_line() {
 }
 
 #[test]
-fn a_connector_must_be_what_the_fmu_says() {
+fn a_connector_must_agree_with_the_fmu() {
     let cases = [
         (r#""u" kind="input"><ssc:Real/>"#, r#""w" kind="input"><ssc:Real/>"#, ["one.w", "no such variable"]),
         (

@@ -65,7 +65,7 @@ fn texts_of_units_convert_where_the_fmu_defines_none_or_only_their_names() {
 }
 
 #[test]
-fn units_that_are_not_known_connect_and_are_told_where_their_texts_differ() {
+fn units_that_are_not_known_connect_and_are_reported_where_their_texts_differ() {
     let notes = |from: &str, to: &str| {
         let wiring = wired(from, to, "").unwrap();
         assert_eq!(wiring.links[0].conversion.of(0.1), 0.1, "{from} {to}");

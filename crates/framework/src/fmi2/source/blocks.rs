@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_arm_alone_uses_stands_there_and_what_both_use_before_the_selection() {
+    fn what_only_one_arm_uses_is_there_and_what_both_use_before_the_selection() {
         // c, d, x, y; then x + x, its sum with y, d ? (x + x) + y : y + y, and c ? that : x + x.
         let inputs = (0..4).map(Operation::Carried);
         let rest = [sum(2, 2), sum(4, 3), sum(3, 3), select(1, 5, 6), select(0, 7, 4)];
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_not_be_needed_stands_nowhere_and_asks_for_nothing() {
+    fn what_can_not_be_needed_is_nowhere_and_asks_for_nothing() {
         // a, b, x, y; then a && b, x / y, a && b ? x / y : y, its sum with x, and a && b ? x : that sum.
         let quotient = Operation::Binary(Binary::Div, Node::at(2), Node::at(3));
         let both = Operation::And(Node::at(0), Node::at(1));

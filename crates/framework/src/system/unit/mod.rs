@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_is_kept_once() {
+    fn a_text_is_stored_once() {
         let symbols = |text: &str| Unit::symbols("x", &[text.to_owned()], 1);
         assert!(std::ptr::eq(symbols("furlong").unwrap()[0], symbols("furlong").unwrap()[0]));
         assert_eq!((Unit::of(symbols("furlong").unwrap()[0]).base, symbols("").unwrap()), (None, vec![""]));

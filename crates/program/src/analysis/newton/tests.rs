@@ -67,7 +67,7 @@ fn standing(start: [f64; 5]) -> End {
 }
 
 #[test]
-fn a_pendulum_on_a_cart_stands_or_hangs_at_the_angle_that_is_nearest() {
+fn a_pendulum_on_a_cart_is_upright_or_hangs_at_the_angle_that_is_nearest() {
     let mut random = Rng::with_seed(7);
     let mut most = 0;
     for _ in 0..300 {

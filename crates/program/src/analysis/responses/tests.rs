@@ -170,7 +170,7 @@ fn unstable_plants_are_linearised_by_their_inputs_or_refused() {
 }
 
 #[test]
-fn start_values_tell_the_same_also_of_what_shows_rounded_values() {
+fn start_values_show_the_same_also_of_what_shows_rounded_values() {
     let all = |plant: &mut Plant| plant.starts = (0..plant.a.nrows()).collect();
     assert_eq!(judged(0..6, all), [36, 0, 0]);
     let rounded = |plant: &mut Plant| (plant.starts, plant.blur) = ((0..plant.a.nrows()).collect(), 1e-12);
@@ -181,7 +181,7 @@ fn start_values_tell_the_same_also_of_what_shows_rounded_values() {
 }
 
 #[test]
-fn a_start_value_that_a_load_follows_tells_nothing_of_the_plant() {
+fn a_start_value_that_a_load_follows_shows_nothing_of_the_plant() {
     let held = |plant: &mut Plant| (plant.starts, plant.held) = ((0..plant.a.nrows()).collect(), true);
     let [right, refused, wrong] = judged(0..4, held);
     assert!(wrong == 0 && right >= 9 * refused, "{right} right, {refused} refused, {wrong} wrong");

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_axis_says_what_one_is() {
+    fn what_is_no_axis_is_refused_with_what_one_is() {
         let refused = |text: &str| text.parse::<Axis>().unwrap_err();
         for text in ["k", "k=", "=1,2", "k=1..2", "k=1..2/9", "k=1..2/exp3", "k=1,,2"] {
             assert!(refused(text).contains("NAME=LOW..HIGH/logN"), "{text}: {}", refused(text));

@@ -19,7 +19,7 @@ fn peak_then_sine(time: f64) -> f64 {
 }
 
 #[test]
-fn axes_are_quantities_with_units_and_curves_of_several_units_tell_theirs() {
+fn axes_are_quantities_with_units_and_curves_of_several_units_name_theirs() {
     let one = diagram(vec![given("a.y", "rad", Part::Own, f64::sin), given("y_m", "", Part::ReferenceOf(0), f64::sin)]);
     assert_eq!((one.x.as_str(), one.y.as_str()), ("time (s)", "angle (rad)"));
     assert_eq!(one.curves[0].name, "a.y");
@@ -28,7 +28,7 @@ fn axes_are_quantities_with_units_and_curves_of_several_units_tell_theirs() {
 }
 
 #[test]
-fn a_first_peak_is_shown_beside_what_it_would_flatten_and_nothing_is_left_out() {
+fn a_first_peak_is_shown_next_to_what_it_would_flatten_and_nothing_is_left_out() {
     let diagram = diagram(vec![given("c.u", "V", Part::Own, peak_then_sine)]);
     let peak = diagram.peak.unwrap();
     assert_eq!(peak.value, 1600.0);
@@ -80,7 +80,7 @@ fn a_logarithmic_axis_is_chosen_or_follows_from_the_values() {
 }
 
 #[test]
-fn references_lie_beneath_dashed_and_the_legend_beside_the_axes() {
+fn references_lie_beneath_dashed_and_the_legend_next_to_the_axes() {
     let curves = vec![
         given("plant.y[1]", "m", Part::Own, f64::sin),
         given("reference.r[1]", "m", Part::ReferenceOf(0), f64::sin),

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peak_of_one_point_is_kept_and_so_are_the_ends() {
+    fn a_peak_of_one_point_stays_and_so_do_the_ends() {
         let times = times(100_000);
         let mut values = vec![0.5; times.len()];
         (values[0], values[33_333], values[77_777], values[99_999]) = (0.1, 9.0, -9.0, 0.2);
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn of_points_that_are_equally_far_the_last_is_kept() {
+    fn of_points_that_are_equally_far_the_last_stays() {
         let zigzag: Vec<_> = times(9).into_iter().map(|t| (t, if t % 4.0 == 2.0 { 1.0 } else { 0.0 })).collect();
         assert_eq!(farthest(&zigzag, (0, 8), 0.5), Some(6));
         assert_eq!(farthest(&zigzag, (0, 8), 1.0), None);

@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_may_stand_before_a_file() {
+    fn a_name_may_precede_a_file() {
         assert_eq!(named("motor=a/M.fmu").unwrap(), (Some("motor".to_owned()), "a/M.fmu"));
         assert_eq!(named("a/M.fmu").unwrap(), (None, "a/M.fmu"));
         assert!(named("=M.fmu").is_err() && named("a b=M.fmu").is_err() && named("a.b=M.fmu").is_err());

@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_stands_beside_what_has_its_name_and_the_rest_by_itself() {
+    fn a_reference_is_drawn_with_the_signal_of_its_name_and_the_rest_by_itself() {
         let text = of(&["angle_wanted"], &[("current", "A"), ("angle", "rad")], &["angle_wanted", "i", "angle"]);
         let rest = [("law", "law.force"), ("plant", "plant.current")].map(|(a, b)| (a.to_owned(), b.to_owned()));
         let first = ("plant and setpoint".to_owned(), "plant.angle setpoint.angle_wanted".to_owned());
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_stands_beside_the_output_of_its_index_and_rates_by_themselves() {
+    fn a_reference_is_drawn_with_the_output_of_its_index_and_rates_by_themselves() {
         let text = of(
             &["r[1]", "dr[1]", "r[2]"],
             &[("x[1]", ""), ("x[2]", ""), ("y[1]", ""), ("y[2]", "")],
@@ -273,12 +273,12 @@ mod tests {
     }
 
     #[test]
-    fn one_reference_stands_beside_the_one_signal_that_is_measured() {
+    fn one_reference_is_drawn_with_the_one_signal_that_is_measured() {
         assert_eq!(titled(&of(&["w"], &[("p", "rad")], &["w", "p"]))[0].1, "plant.p setpoint.w");
     }
 
     #[test]
-    fn nothing_is_guessed_where_nothing_tells_and_no_current_follows_an_angle() {
+    fn nothing_is_guessed_without_a_hint_and_no_current_follows_an_angle() {
         for (setpoint, outputs) in
             [("w", [("p", "rad"), ("v", "rad")]), ("current_wanted", [("current", "A"), ("v", "A")])]
         {
