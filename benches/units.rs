@@ -89,7 +89,7 @@ fn steps(criterion: &mut Criterion) {
     group.finish();
 }
 
-fn lives(criterion: &mut Criterion) {
+fn lifetimes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("life");
     group.sample_size(10).warm_up_time(Duration::from_millis(100)).measurement_time(Duration::from_millis(300));
     let log = RefCell::new(Vec::new());
@@ -115,5 +115,5 @@ fn lives(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, steps, lives);
+criterion_group!(benches, steps, lifetimes);
 criterion_main!(benches);

@@ -177,7 +177,7 @@ impl Catalogued for Actuator {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Steps,
-        held: &[],
+        constant_inputs: &[],
         output: "y",
         shows_all: false,
         scale: |of, _| {

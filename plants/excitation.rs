@@ -176,7 +176,7 @@ impl Catalogued for Excitation {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "",
         stimulus: Stimulus::Nothing,
-        held: &["command"],
+        constant_inputs: &["command"],
         output: "u",
         shows_all: true,
         // Long enough for some levels, and short enough to distinguish the samples of a wave.

@@ -299,7 +299,7 @@ impl Catalogued for Reference {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "",
         stimulus: Stimulus::Nothing,
-        held: &[],
+        constant_inputs: &[],
         output: "r",
         shows_all: true,
         scale: |_, stop_time| Some(Scale { about: 0.0, size: 0.0, duration: stop_time }),

@@ -27,7 +27,7 @@ pub struct Sensor {
     /// Noise of standard deviation 1, constant between samples.
     noise: VectorOf<Discrete>,
     /// The quantised value, constant between samples.
-    held: VectorOf<Discrete>,
+    quantised: VectorOf<Discrete>,
     u: VectorOf<Input>,
     y: VectorOf<Signal>,
 }
@@ -58,7 +58,7 @@ impl System for Sensor {
             lag: Lag::declare(d, &units),
             samples: d.prepared(scalar("#samples", "").hidden()),
             noise: d.discrete(vector("#noise", m, "").hidden()),
-            held: d.discrete(vector("#held", m, "").hidden()),
+            quantised: d.discrete(vector("#held", m, "").hidden()),
             u: d.input(vector("u", m, "measured signal").about(&quantities, "{} that is measured").units(&units)),
             y: d.output(vector("y", m, "measured value").about(&quantities, "measured {}").units(&units)),
         })
@@ -94,7 +94,7 @@ impl System for Sensor {
     fn outputs<S: Scalar>(&self, t: S, v: &Values<S>, y: &mut Signals<S>) {
         for i in 0..self.u.len() {
             let quantised = v[self.resolution][i].above(S::from(0.0));
-            y[self.y][i] = S::branch(quantised, || v[self.held][i], || self.analogue(t, i, v));
+            y[self.y][i] = S::branch(quantised, || v[self.quantised][i], || self.analogue(t, i, v));
         }
     }
 
@@ -132,7 +132,7 @@ impl Sensor {
         let (seed, sample) = (S::from_integer(v.get(self.seed)), v[self.clock.sample]);
         for i in 0..self.u.len() {
             v[self.noise][i] = S::opaque(Opaque::Noise, &[seed, S::from(i as f64), sample]);
-            v[self.held][i] = quantised(self.analogue(t, i, &v.values()), v[self.resolution][i]);
+            v[self.quantised][i] = quantised(self.analogue(t, i, &v.values()), v[self.resolution][i]);
         }
     }
 }
@@ -155,7 +155,7 @@ impl Catalogued for Sensor {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Sine,
-        held: &[],
+        constant_inputs: &[],
         output: "y",
         shows_all: false,
         scale: |of, _| {

@@ -346,7 +346,7 @@ impl Catalogued for StateSpace {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Step,
-        held: &["d"],
+        constant_inputs: &["d"],
         output: "y",
         shows_all: true,
         scale: |of, stop_time| {

@@ -82,7 +82,7 @@ impl Catalogued for Unwrap {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Turns,
-        held: &[],
+        constant_inputs: &[],
         output: "y",
         shows_all: false,
         scale: |_, stop_time| Some(Scale { about: 0.0, size: PI, duration: stop_time }),

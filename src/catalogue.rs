@@ -66,7 +66,7 @@ pub struct Demonstration {
     /// Stimulus at that input.
     pub stimulus: Stimulus,
     /// Inputs that are 0 meanwhile.
-    pub held: &'static [&'static str],
+    pub constant_inputs: &'static [&'static str],
     /// The model's own name of the output that is shown.
     pub output: &'static str,
     /// True if all distinguishable elements are shown; else only the first one.

@@ -26,12 +26,12 @@ def measure(workshop: Workshop) -> list[Row]:
         loops.compiled_equations,
         loops.closed_form,
         lambda workshop: [steps.all_loops(workshop)],
-        steps.lives,
+        steps.lifetimes,
         steps.exports,
         steps.growth,
         compiled.van_der_pol,
         compiled.controllers,
-        compiled.whole_loops,
+        compiled.composites,
         compiled.separate_units,
     ]
     rows = []

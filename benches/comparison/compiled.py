@@ -65,7 +65,7 @@ def controllers(workshop: Workshop) -> list[Row]:
     ]
 
 
-def whole_loops(workshop: Workshop) -> list[Row]:
+def composites(workshop: Workshop) -> list[Row]:
     """Whole loops as one unit, by both methods."""
     loops = some(workshop, WHOLE_LOOPS)
     both = folders(workshop, *(word for loop in loops for word in ("--composite", loop)))

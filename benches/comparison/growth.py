@@ -165,11 +165,11 @@ def of_instances(library: str, guid: str, resources: str, count: int) -> list[fl
         assert made and calls == (0, 0, 0)
         return made
 
-    kept = [make()]  # the first one makes what all share
+    instances = [make()]  # the first one makes what all share
     before, begun = resident(), time.process_time()
-    kept += [make() for _ in range(count)]
-    took, held = time.process_time() - begun, resident() - before
-    return [took / count * 1e6, held / count]
+    instances += [make() for _ in range(count)]
+    took, memory = time.process_time() - begun, resident() - before
+    return [took / count * 1e6, memory / count]
 
 
 def resident() -> float:

@@ -1,4 +1,4 @@
-"""What units cost by themselves: steps, lives of instances, loading, export."""
+"""What units cost by themselves: steps, lifetimes of instances, loading, export."""
 
 import math
 import os
@@ -20,7 +20,7 @@ HORIZON = 10.0  # s, after which Van der Pol's oscillator is compared with its s
 ALLOWED = 1e-6
 EULER = 1e-7  # s, of which Euler's method needs steps to be as accurate as that
 SIZES = (4, 8, 16, 32, 60)
-LIVES = 20
+LIFETIMES = 20
 REFERENCE_FMUS = "REFERENCE_FMUS"  # names the folder of their sources, github.com/modelica/Reference-FMUs
 COMPILER = subprocess.run(["cc", "-dumpfullversion"], capture_output=True, text=True, check=True).stdout.strip()
 
@@ -30,7 +30,7 @@ class Driven:
     """What the master in C measured, s, and the outputs that it was asked for."""
 
     load: float
-    life: float
+    lifetime: float
     step: float
     outputs: np.ndarray
 
@@ -59,10 +59,10 @@ class Driver:
         choices: dict[int, int] | None = None,
     ) -> Driven:
         """Steps a unit `check` times, reads its outputs, and measures `count` more steps; or lives, without steps."""
-        lives = 0 if count else LIVES
+        lifetimes = 0 if count else LIFETIMES
         given = [f"{reference}={value}" for reference, value in (inputs or {}).items()]
         given += [f"{reference}:{item}" for reference, item in (choices or {}).items()]
-        words = [*map(str, (lives, step, check, count)), ",".join(map(str, outputs)), *given]
+        words = [*map(str, (lifetimes, step, check, count)), ",".join(map(str, outputs)), *given]
         command = [str(self.program), *unit, *words]
         lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
         return Driven(*map(float, lines[:3]), np.array(lines[3].split(","), float))
@@ -152,7 +152,7 @@ def van_der_pol(workshop: Workshop) -> list[Row]:
     ]
 
 
-def lives(workshop: Workshop) -> list[Row]:
+def lifetimes(workshop: Workshop) -> list[Row]:
     """Lives and loading of all FMUs, of which the slowest counts."""
     driver, names = Driver(workshop), sorted(file.stem for file in (ROOT / "modelDescription").glob("*.toml"))
     measured: dict[str, list[Driven]] = {}
@@ -166,7 +166,7 @@ def lives(workshop: Workshop) -> list[Row]:
         return Row(f"{what}, the slowest of {len(names)} FMUs: {worst}", list(map(figure, measured[worst])), goal)
 
     return [
-        slowest("instance made, initialised, terminated, freed", 1e-4, lambda driven: driven.life),
+        slowest("instance made, initialised, terminated, freed", 1e-4, lambda driven: driven.lifetime),
         slowest("library loaded", 5e-3, lambda driven: driven.load),
     ]
 

@@ -37,15 +37,15 @@ def program() -> str:
     return os.environ.get("ADAPTIVE_FMU_PROGRAM", "adaptive-fmu")
 
 
-def compute(files: dict[str, str], study: str, pair: str, kept: str | None, options: list[str]) -> str:
+def compute(files: dict[str, str], study: str, pair: str, earlier: str | None, options: list[str]) -> str:
     """The result of a pair, as the text of its file. `kept` is what an earlier league left of it."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in files.items():
             (Path(folder) / name).write_text(text)
         result = Path(folder) / "out" / f"{pair}.json"
-        if kept is not None:
+        if earlier is not None:
             result.parent.mkdir(parents=True)
-            result.write_text(kept)
+            result.write_text(earlier)
         # A worker has one task for each of its threads: the program isn't to take all cores.
         command = [program(), "league", "--study", study, "--only", pair, "--out", "out", "--resume", "--jobs", "1", *options]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -71,8 +71,8 @@ def main(words: list[str] | None = None) -> int:
         tasks = {}
         for pair in pairs(given.study, given.only):
             file = given.out / f"{pair}.json"
-            kept = file.read_text() if file.is_file() else None
-            tasks[client.submit(compute, files, given.study.name, pair, kept, options, pure=False)] = pair
+            earlier = file.read_text() if file.is_file() else None
+            tasks[client.submit(compute, files, given.study.name, pair, earlier, options, pure=False)] = pair
         for task in as_completed(tasks):
             pair = tasks[task]
             if task.status != "finished":

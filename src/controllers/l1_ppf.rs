@@ -157,9 +157,9 @@ impl System for L1Ppf {
         }
         if let Some(samples) = &self.samples {
             for j in 0..self.added.now.len() {
-                let held = || S::branch(active, || v[samples.held][j], || none);
+                let sampled = || S::branch(active, || v[samples.control][j], || none);
                 let continuous = y[self.added.now][j];
-                y[self.added.now][j] = S::branch(self.is_sampled(v), held, || continuous);
+                y[self.added.now][j] = S::branch(self.is_sampled(v), sampled, || continuous);
             }
         }
         let goal = self.order.goal(&self.law, self.r, &self.inverse, v, y);
@@ -261,8 +261,8 @@ impl L1Ppf {
         }
         // A sampled barrier waits for its next sample.
         self.when_sampled(v, |samples, v| {
-            v[samples.held].fill(S::from(0.0));
-            v.copy(samples.held, self.added.at_takeover);
+            v[samples.control].fill(S::from(0.0));
+            v.copy(samples.control, self.added.at_takeover);
         });
     }
 

@@ -111,7 +111,7 @@ pub struct L1Sampled {
     /// The controls of the last intervals, the latest first.
     past: VectorOf<Discrete>,
     /// The control until the next sample.
-    held: VectorOf<Discrete>,
+    sampled_control: VectorOf<Discrete>,
     u: VectorOf<Signal>,
     u_ad: VectorOf<Signal>,
     /// True if the next sample begins from the present control.
@@ -240,7 +240,7 @@ impl System for L1Sampled {
             ),
             between: d.discrete(vector("#between", n, "").hidden()),
             past: d.discrete(vector("#past u", m * (MOST_DELAY + 1), "").hidden()),
-            held: d.discrete(vector("#held", m, "").hidden()),
+            sampled_control: d.discrete(vector("#held", m, "").hidden()),
             u_ad: d.local(
                 vector("u_ad", m, "control that the filter gives")
                     .source("Hovakimyan and Cao, section 3.3")
@@ -314,7 +314,7 @@ impl System for L1Sampled {
     fn event<S: Scalar>(&self, t: S, _crossed: &[S::Flag], v: &mut Point<S>) {
         self.in_command.event(v, |v| {
             for i in 0..self.u.len() {
-                v[self.held][i] = self.in_force(i, &v.values());
+                v[self.sampled_control][i] = self.in_force(i, &v.values());
             }
             v.put(self.takes_over, true.into());
         });
@@ -362,7 +362,7 @@ impl L1Sampled {
     /// as the estimate assumes; or the manual one, within the limits.
     fn in_force<S: Scalar>(&self, i: usize, v: &Values<S>) -> S {
         let by_hand = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
-        S::select(self.in_command.is_active(v), v[self.held][i], by_hand)
+        S::select(self.in_command.is_active(v), v[self.sampled_control][i], by_hand)
     }
 }
 

@@ -77,9 +77,9 @@ impl Moves {
     /// Looks at the control after a communication step; the farthest of the moves that any channel has made in one so far.
     pub fn look<S: Scalar>(&self, u: VectorOf<Signal>, step: S, v: &mut Point<S>) -> Move<S> {
         let none = S::from(0.0);
-        let is_held = !step.at_most(none) & v.get(self.is_stepped);
-        v.when(is_held, |v| self.note(u, v));
-        let part = S::branch(is_held, || self.worst(v), || none);
+        let has_stepped = !step.at_most(none) & v.get(self.is_stepped);
+        v.when(has_stepped, |v| self.note(u, v));
+        let part = S::branch(has_stepped, || self.worst(v), || none);
         let limit = v[self.limit];
         Move { flag: part.above(limit), part, limit }
     }

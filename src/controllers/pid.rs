@@ -336,7 +336,7 @@ impl Catalogued for Pid {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "r",
         stimulus: Stimulus::Step,
-        held: &["y"],
+        constant_inputs: &["y"],
         output: "u",
         shows_all: false,
         scale: |of, stop_time| {

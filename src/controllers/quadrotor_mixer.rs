@@ -101,7 +101,7 @@ impl Catalogued for QuadrotorMixer {
     const DEMONSTRATION: Option<Demonstration> = Some(Demonstration {
         input: "u",
         stimulus: Stimulus::Steps,
-        held: &[],
+        constant_inputs: &[],
         output: "f",
         shows_all: true,
         scale: |of, _| {

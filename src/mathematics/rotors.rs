@@ -99,9 +99,9 @@ impl<S: Scalar> Rotors<S> {
         let gives_way = (!is_low | may_rise) & (!is_high | may_fall);
         // Not by `within`, whose limits are in order: rounding may turn these.
         let moved = larger(smaller(asked.quarter, high), low);
-        let kept = self.clipped(asked.quarter);
-        let part_of_kept = part_within(smaller(max - kept, kept - min), most);
-        (S::select(gives_way, moved, kept), S::select(gives_way, part, part_of_kept))
+        let clipped = self.clipped(asked.quarter);
+        let part_of_kept = part_within(smaller(max - clipped, clipped - min), most);
+        (S::select(gives_way, moved, clipped), S::select(gives_way, part, part_of_kept))
     }
 
     /// Largest magnitude of yaw's share that the rotors have room for in addition to the others.

@@ -106,8 +106,8 @@ impl Records {
                 None => Some(entry),
                 Some(of_B) => Some(n * n + places.iter().position(|&place| place == of_B / n)? * n + of_B % n),
             };
-            let kept: Vec<_> = (0..entries.len()).filter(|&k| new(&entries[k]).is_some()).collect();
-            let matrix = matrix.select_rows(&kept).select_columns(&kept);
+            let used: Vec<_> = (0..entries.len()).filter(|&k| new(&entries[k]).is_some()).collect();
+            let matrix = matrix.select_rows(&used).select_columns(&used);
             self.model.region = Some(Covariance { entries: entries.iter().filter_map(new).collect(), matrix });
         }
         self.disturbance = places.iter().filter_map(|&place| self.disturbance.get(place).copied()).collect();

@@ -74,7 +74,7 @@ def extremes(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.array(sorted(places | {0, len(t) - 1}))
 
 
-def kept(t: np.ndarray, y: np.ndarray, miss: float) -> list[int]:
+def corners(t: np.ndarray, y: np.ndarray, miss: float) -> list[int]:
     """Places of points, between which straight lines miss none of the others by more."""
     places, open_ = {0, len(t) - 1}, [(0, len(t) - 1)]
     while open_:
@@ -101,7 +101,7 @@ def text(loop: str, table: dict[str, np.ndarray]) -> str:
         for signal in signals:
             seen = extremes(table["time"], table[signal])
             time, y = table["time"][seen], table[signal][seen]
-            points = " ".join(f"{time[k]:.4g} {y[k] + 0.0:.4g}" for k in kept(time, y, MISS * span))
+            points = " ".join(f"{time[k]:.4g} {y[k] + 0.0:.4g}" for k in corners(time, y, MISS * span))
             lines.append(f"{'reference' if signal in followed else 'curve'} {signal} {unit(loop, signal)} {points}")
     return "\n".join(lines) + "\n"
 

@@ -158,12 +158,12 @@ def test_a_pid_controller_answers_angles_by_its_equations(tmp_path, c: float) ->
             for name, value in inputs.items():
                 unit[name] = value
             unit.step(t, H)
-            held, h = (psi, r), H / 10
+            sampled, h = (psi, r), H / 10
             for _ in range(10):
-                k1 = pid_rates(own, held, c)
-                k2 = pid_rates(own + h / 2 * k1, held, c)
-                k3 = pid_rates(own + h / 2 * k2, held, c)
-                own = own + h / 6 * (k1 + 2 * k2 + 2 * k3 + pid_rates(own + h * k3, held, c))
+                k1 = pid_rates(own, sampled, c)
+                k2 = pid_rates(own + h / 2 * k1, sampled, c)
+                k3 = pid_rates(own + h / 2 * k2, sampled, c)
+                own = own + h / 6 * (k1 + 2 * k2 + 2 * k3 + pid_rates(own + h * k3, sampled, c))
             u = 64 * wrapped(r - psi) + own[0] + 1500 * wrapped(c * r - psi - own[1])
             assert abs(unit["u[1]"] - u) < 1e-6 * (1 + abs(u)), t
             psi, rate = psi + H * (rate + H / 2 * u), rate + H * u

@@ -106,8 +106,8 @@ def test_the_compiler_of_fmus_may_be_a_command_with_arguments(command: str, tmp_
 def test_an_fmu_of_a_cached_description_is_the_same_and_a_broken_one_is_made_anew(tmp_path: Path) -> None:
     cache, name = tmp_path / "cache", "L1NonlinearSiso"
 
-    def exported(kept: Path | str) -> bytes:
-        answer = adaptive_fmu("export", name, "--out", tmp_path, ADAPTIVE_FMU_CACHE=str(kept))
+    def exported(cache: Path | str) -> bytes:
+        answer = adaptive_fmu("export", name, "--out", tmp_path, ADAPTIVE_FMU_CACHE=str(cache))
         assert answer.returncode == 0, answer.stderr
         return (tmp_path / f"{name}.fmu").read_bytes()
 

@@ -73,13 +73,13 @@ def test_what_nohup_ignores_is_ignored(tmp_path: Path) -> None:
 
 
 def test_a_league_that_is_ended_goes_on_where_it_was(tmp_path: Path) -> None:
-    file, kept = study(tmp_path, tune='tune = ["K_p"]'), tmp_path / "out" / "integrator" / "p.json"
+    file, stored = study(tmp_path, tune='tune = ["K_p"]'), tmp_path / "out" / "integrator" / "p.json"
     words = ["league", "--study", str(file), "--quick", "--out", str(tmp_path / "out"), "--json"]
     with started(*words) as process:
-        eventually(kept.is_file)
+        eventually(stored.is_file)
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=60) in (130, 0)
-    gains = json.loads(kept.read_text())["gains"]
+    gains = json.loads(stored.read_text())["gains"]
     answer = adaptive_fmu(*words)
     assert answer.returncode == 0, answer.stderr
     (record,) = json.loads(answer.stdout)["pairs"]

@@ -41,8 +41,8 @@ class Reference:
         if "sample_time" in fmu.variables and float(fmu.variables["sample_time"].start) == 0:
             self.unit["sample_time"] = law.period
         self.inputs = [n for n in fmu.named(causality="input", type="Real") if not n.startswith("u_manual")]
-        kept = lambda v: v.variability == "discrete"
-        self.outputs = [n for n in fmu.named(causality="output", type="Real") if not kept(fmu.variables[n])]
+        is_stored = lambda v: v.variability == "discrete"
+        self.outputs = [n for n in fmu.named(causality="output", type="Real") if not is_stored(fmu.variables[n])]
 
     def step(self, inputs: list[float]) -> list[float]:
         if self.steps == 0:

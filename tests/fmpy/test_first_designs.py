@@ -214,16 +214,16 @@ def test_a_plant_has_its_dead_times(form: list[str], tmp_path: Path):
     def inputs(t: float) -> np.ndarray:
         return np.array([0.5 + 0.5 * np.sin(4 * max(t, 0)), 1.5 - np.cos(5 * max(t, 0))])
 
-    def rates(t: float, x: np.ndarray, held: float) -> np.ndarray:
-        late = np.array([min(inputs(t - 0.3 - held)[0], 0.8), inputs(t - 0.07 - held)[1]])
+    def rates(t: float, x: np.ndarray, sampled: float) -> np.ndarray:
+        late = np.array([min(inputs(t - 0.3 - sampled)[0], 0.8), inputs(t - 0.07 - sampled)[1]])
         return np.array([[-2.0, 0.5], [0.0, -3.0]]) @ x + np.array([[1.0, 0.0], [0.0, 2.0]]) @ late
 
     times = np.arange(0, 3.0005, 0.001)
     given = np.array([(t, *inputs(t)) for t in times], [("time", float), ("u[1]", float), ("u[2]", float)])
     looked_at = np.arange(0, 3.001, 0.01)
     # In co-simulation the value that is stored at a communication point is that of the step which ends there.
-    for interface, held in [("ModelExchange", 0.0), ("CoSimulation", 0.001)]:
-        solved = scipy.integrate.solve_ivp(rates, (0, 3), [0, 0], rtol=1e-9, atol=1e-12, max_step=0.01, t_eval=looked_at, args=[held])
+    for interface, sample_time in [("ModelExchange", 0.0), ("CoSimulation", 0.001)]:
+        solved = scipy.integrate.solve_ivp(rates, (0, 3), [0, 0], rtol=1e-9, atol=1e-12, max_step=0.01, t_eval=looked_at, args=[sample_time])
         ran = fmpy.simulate_fmu(
             str(tmp_path / "out/Late.fmu"), stop_time=3, fmi_type=interface, relative_tolerance=1e-8, output_interval=0.001,
             input=given, output=["y[1]", "y[2]"],

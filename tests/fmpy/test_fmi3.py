@@ -188,12 +188,12 @@ def test_saved_states_continue_with_the_same_bits(fmu3: Callable[[str], Fmu3]) -
         for instance in (one, other):
             instance.start()
         saved = one.instance.getFMUState()
-        kept = one.instance.serializeFMUState(saved)
+        stored = one.instance.serializeFMUState(saved)
         one.update()
         one.instance.enterStepMode()
         one.instance.doStep(0.0, 0.02)
         reached = one["u"]
-        other.instance.setFMUState(other.instance.deserializeFMUState(kept))
+        other.instance.setFMUState(other.instance.deserializeFMUState(stored))
         other.update()
         other.instance.enterStepMode()
         other.instance.doStep(0.0, 0.02)

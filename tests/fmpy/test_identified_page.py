@@ -54,12 +54,12 @@ def test_simulated_curves_are_those_of_the_model(tmp_path: Path) -> None:
     model = json.loads((tmp_path / "model.json").read_text())
     f, g = sampled(np.array(model["A"]), np.array(model["B"]), 0.05)
     _, q = sampled(np.array(model["A"]), np.eye(2), 0.05)
-    held = len(table) - round(0.3 * len(table))
+    training_rows = len(table) - round(0.3 * len(table))
     found = diagrams(page)
     for i, name in enumerate(["position", "speed"]):
         curves = {curve["name"]: curve for curve in found[f"{name}, record.csv"]["curves"]}
         assert list(curves) == ["simulated", "simulated, held out", "measured"]
-        for curve, rows in (("simulated", slice(0, held)), ("simulated, held out", slice(held, None))):
+        for curve, rows in (("simulated", slice(0, training_rows)), ("simulated, held out", slice(training_rows, None))):
             part = table.iloc[rows]
             # Initial state and constant of each part by least squares, weighted by the noise of each signal.
             forced, sensitivities = np.zeros(2), np.hstack([np.eye(2), np.zeros((2, 2))])

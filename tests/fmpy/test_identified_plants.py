@@ -77,8 +77,8 @@ def test_a_model_follows_what_was_held_out_or_the_reason_is_said(name: str, draw
         line = next(line for line in done.stdout.splitlines() if line.startswith(f"{signal} "))
         assert abs(float(line.split()[1]) - fit) < 0.06
     # As computed anew, and at least half of what noise leaves.
-    held = measured[round(0.7 * ROWS) :]
-    ceiling = 100 * (1 - noise / held.std(0))
+    rest = measured[round(0.7 * ROWS) :]
+    ceiling = 100 * (1 - noise / rest.std(0))
     again = held_out(model, plant.step, u, measured)
     print("fit", reported.round(2), "again", again.round(2), "of", ceiling.round(2))
     assert np.abs(reported - again).max() < 0.2, (NUMBER, reported, again)

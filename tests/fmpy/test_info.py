@@ -96,20 +96,20 @@ def test_a_description_with_other_values_keeps_the_comments_of_the_one_it_comes_
     )
     answer = adaptive_fmu("export", tmp_path / "mine.toml", "--values", values, "--out", tmp_path)
     assert answer.returncode == 0, answer
-    kept = entry(tmp_path / f"{CONTROLLER}.fmu", "resources/description.toml")
-    assert kept.startswith("# my design\n") and "# fast\nadaptation_gain = 25000.0 # 1/s^2\n" in kept
-    assert [line for line in text.splitlines() if line.strip().startswith("#") and line not in kept] == []
+    stored = entry(tmp_path / f"{CONTROLLER}.fmu", "resources/description.toml")
+    assert stored.startswith("# my design\n") and "# fast\nadaptation_gain = 25000.0 # 1/s^2\n" in stored
+    assert [line for line in text.splitlines() if line.strip().startswith("#") and line not in stored] == []
 
 
 def test_a_composite_holds_the_descriptions_of_its_units(tmp_path: Path) -> None:
     assert adaptive_fmu("export", "--composite", "3.2.1-cosine", "--out", tmp_path).returncode == 0
-    kept = info(tmp_path / "Loop_3_2_1_cosine.fmu")["source"]
+    source = info(tmp_path / "Loop_3_2_1_cosine.fmu")["source"]
     for name in ["ReferenceNonlinearSiso", PLANT, CONTROLLER]:
         written = (ROOT / "modelDescription" / f"{name}.toml").read_text().splitlines()
         commented = "\n".join(f"# {line}".rstrip() for line in written)
-        assert kept.count(commented) == 1, name
+        assert source.count(commented) == 1, name
     # What a person changes in it can be exported again.
-    (tmp_path / "again.toml").write_text(kept)
+    (tmp_path / "again.toml").write_text(source)
     again = tmp_path / "again"
     assert adaptive_fmu("export", tmp_path / "again.toml", "--out", again).returncode == 0
     assert (again / "Loop_3_2_1_cosine.fmu").read_bytes() == (tmp_path / "Loop_3_2_1_cosine.fmu").read_bytes()

@@ -79,10 +79,10 @@ def test_a_tolerance_tightens_the_integration_and_never_loosens_it(unit) -> None
 
 
 def test_inputs_are_sampled_unless_set_otherwise(unit) -> None:
-    held = exact(lambda t: ramp(0.1 * math.floor(t / 0.1 + 1e-9)), 1.0)
+    sampled = exact(lambda t: ramp(0.1 * math.floor(t / 0.1 + 1e-9)), 1.0)
     plain = driven(unit, ramp, 0.1, 1.0)
     # scipy steps over the jumps of the held control, hence the tolerance.
-    assert plain == pytest.approx(held, abs=1e-3)
+    assert plain == pytest.approx(sampled, abs=1e-3)
     assert np.abs(plain - exact(ramp, 1.0)).max() > 0.02
 
 

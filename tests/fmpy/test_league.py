@@ -176,11 +176,11 @@ def test_a_nominal_run_is_that_of_the_loop(tmp_path: Path) -> None:
 def test_what_was_computed_is_not_computed_again(tmp_path: Path) -> None:
     file, out = study(tmp_path, tune='tune = ["K_p"]'), tmp_path / "out"
     first = league("--study", file, "--out", out)
-    kept = out / "integrator" / "p.json"
+    stored = out / "integrator" / "p.json"
     # Without its last part it is gone on with; the same plants give the same numbers.
-    written = kept.stat().st_mtime_ns
+    written = stored.stat().st_mtime_ns
     for again in ([], ["--resume"]):
-        assert league("--study", file, "--out", out, *again) == first and kept.stat().st_mtime_ns == written
+        assert league("--study", file, "--out", out, *again) == first and stored.stat().st_mtime_ns == written
     shutil.copytree(out, tmp_path / "copy")
     assert league("--study", file, "--out", tmp_path / "copy", "--page") == first
     assert league("--study", file, "--out", tmp_path / "again", "--jobs", "1") == first, "on any number of threads"
@@ -191,7 +191,7 @@ def test_what_was_computed_is_not_computed_again(tmp_path: Path) -> None:
     answer = adaptive_fmu("league", "--study", other, "--out", out, "--quick")
     assert answer.returncode == 1 and "budget.plants was 8, is" in answer.stderr, answer.stderr
     tagged = league("--study", other, "--out", out, "--quick", "--tag", "seed=2")
-    assert tagged != first and (tmp_path / "out@seed=2" / "index.html").is_file() and kept.stat().st_mtime_ns == written
+    assert tagged != first and (tmp_path / "out@seed=2" / "index.html").is_file() and stored.stat().st_mtime_ns == written
     assert league("--study", other, "--out", tmp_path / "copy", "--quick", "--force") == tagged
     (other.parent / "Proportional.toml").write_text(CONTROLLER.format(gain=11.0))
     study_of_before = tmp_path / "study.toml"
@@ -199,7 +199,7 @@ def test_what_was_computed_is_not_computed_again(tmp_path: Path) -> None:
     answer = adaptive_fmu("league", "--study", study_of_before, "--out", out)
     assert answer.returncode == 1 and "descriptions of its FMUs differ" in answer.stderr, answer.stderr
     # A file that was changed is no result.
-    kept.write_text(kept.read_text().replace('"failure":null', '"failure": null', 1))
+    stored.write_text(stored.read_text().replace('"failure":null', '"failure": null', 1))
     answer = adaptive_fmu("league", "--study", file, "--out", out, "--page")
     assert answer.returncode in (0, 1)
 
@@ -444,15 +444,15 @@ def test_a_rotor_that_fails_is_tolerated_as_documented(results: dict) -> None:
 def test_stored_results_are_those_that_are_computed(pair: str, results: dict, tmp_path: Path) -> None:
     """All of a pair that is quick, again: the search, conditions, margins and random plants."""
     (again,) = league("--only", pair, "--out", tmp_path)
-    (kept,) = [record for record in results["pairs"] if f"{record['plant']}/{record['controller']}" == pair]
-    assert again["gains"]["values"] == pytest.approx(kept["gains"]["values"], rel=1e-3)
-    for condition, judged in kept["conditions"].items():
+    (stored,) = [record for record in results["pairs"] if f"{record['plant']}/{record['controller']}" == pair]
+    assert again["gains"]["values"] == pytest.approx(stored["gains"]["values"], rel=1e-3)
+    for condition, judged in stored["conditions"].items():
         found, known = again["conditions"][condition]["outcome"], judged["outcome"]
         assert (found["failure"] is None) == (known["failure"] is None), condition
         assert known["failure"] or found["rms"] == pytest.approx(known["rms"], rel=1e-3), condition
-    for name, margin in kept["margins"].items():
+    for name, margin in stored["margins"].items():
         assert again["margins"][name]["value"] == pytest.approx(margin["value"], rel=0.05), name
-    failed = [sum(error is None for error in record["spread"]["errors"]) for record in (kept, again)]
+    failed = [sum(error is None for error in record["spread"]["errors"]) for record in (stored, again)]
     assert abs(failed[0] - failed[1]) <= 2, failed
 
 
@@ -482,8 +482,8 @@ def test_dask_computes_what_the_program_computes(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
         assert (tmp_path / "out" / "index.html").read_text() == (tmp_path / "alone" / "index.html").read_text()
         for name in ["p", "p2"]:
-            kept = (tmp_path / "out" / "integrator" / f"{name}.json").read_text()
-            assert kept == (tmp_path / "alone" / "integrator" / f"{name}.json").read_text()
+            stored = (tmp_path / "out" / "integrator" / f"{name}.json").read_text()
+            assert stored == (tmp_path / "alone" / "integrator" / f"{name}.json").read_text()
 
 
 def test_gains_that_are_better_on_the_nominal_plant_may_lose_more_of_the_others(results: dict, tmp_path: Path) -> None:
@@ -492,7 +492,7 @@ def test_gains_that_are_better_on_the_nominal_plant_may_lose_more_of_the_others(
     study = folder / "league.toml"
     study.write_text(study.read_text().replace("[budget]", "[budget]\ngenerations = 20", 1))
     (longer,) = league("--study", study, "--only", "siso/funnel", "--out", tmp_path / "out")
-    (kept,) = [record for record in results["pairs"] if (record["plant"], record["controller"]) == ("siso", "funnel")]
-    assert longer["gains"]["after"] < 0.9 * kept["gains"]["after"]
-    lost = [sum(error is None for error in record["spread"]["errors"]) for record in (kept, longer)]
+    (stored,) = [record for record in results["pairs"] if (record["plant"], record["controller"]) == ("siso", "funnel")]
+    assert longer["gains"]["after"] < 0.9 * stored["gains"]["after"]
+    lost = [sum(error is None for error in record["spread"]["errors"]) for record in (stored, longer)]
     assert lost[0] <= 5 and 30 <= lost[1] <= 65, lost

@@ -57,9 +57,9 @@ def plan(fmu, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_memory_in_use_does_not_grow_and_the_system_is_asked_for_nothing_but_the_description(life, plan: Path) -> None:
     # Blocks that malloc keeps for the next call count as in use: it keeps none here.
-    kept_none = {**os.environ, "GLIBC_TUNABLES": "glibc.malloc.tcache_count=0"}
+    environment = {**os.environ, "GLIBC_TUNABLES": "glibc.malloc.tcache_count=0"}
     command = [life("-DCOUNTED", "-rdynamic"), plan, str(STEPS)]
-    done = subprocess.run(command, env=kept_none, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
     assert done.stdout.count(".so, ") == 2 * len(sample.FMUS) and done.stdout.endswith("all as it should be\n")
 

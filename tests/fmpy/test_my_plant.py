@@ -180,8 +180,8 @@ def test_a_saved_state_goes_on_bit_for_bit(mine) -> None:
             unit.start()
             for k in range(7):
                 unit.step(k * step, step)
-            kept = unit.slave.serializeFMUstate(unit.slave.getFMUstate())
-            other.slave.setFMUstate(other.slave.deSerializeFMUstate(kept))
+            stored = unit.slave.serializeFMUstate(unit.slave.getFMUstate())
+            other.slave.setFMUstate(other.slave.deSerializeFMUstate(stored))
             for k in range(7, 20):
                 unit.step(k * step, step)
                 other.step(k * step, step)

@@ -61,8 +61,8 @@ def test_a_sampled_model_becomes_the_plant_that_it_was_sampled_from(seed: int, t
     n, m = int(random.integers(1, 6)), int(random.integers(1, 3))
     A, B, C = random.normal(size=(n, n)), random.normal(size=(n, m)), random.normal(size=(1, n))
     dt = 0.9 / max(1.0, np.abs(np.linalg.eigvals(A)).max())
-    discrete, held, *_ = cont2discrete((A, B, C, np.zeros((1, m))), dt)
-    plant = {"A": discrete.tolist(), "B": held.tolist(), "C": C.tolist(), "dt": dt}
+    discrete, input_matrix, *_ = cont2discrete((A, B, C, np.zeros((1, m))), dt)
+    plant = {"A": discrete.tolist(), "B": input_matrix.tolist(), "C": C.tolist(), "dt": dt}
     structure = new("state-space", plant, tmp_path)["structure"]
     np.testing.assert_allclose(structure["A"], A, rtol=0, atol=1e-9 * np.abs(A).max())
     np.testing.assert_allclose(structure["B"], B, rtol=0, atol=1e-9 * np.abs(B).max())

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from conftest import PROGRAM, ROOT, adaptive_fmu
-from test_wheel import held
+from test_wheel import contents
 
 # Where maturin has cargo build, which the tests did before.
 BUILT = ROOT / "target" / "release" / "adaptive-fmu"
@@ -63,7 +63,7 @@ def test_pip_builds_the_source_folder_and_the_package_works(wheel: Path, python:
 def test_a_wheel_of_pip_holds_the_modules_and_what_shells_read_as_one_of_dist(wheel: Path, tmp_path: Path) -> None:
     made = adaptive_fmu("dist", "--wheels", "--out", tmp_path)
     assert made.returncode == 0, made.stderr
-    of_pip, of_dist = held(wheel), held(Path(made.stdout.splitlines()[0]))
+    of_pip, of_dist = contents(wheel), contents(Path(made.stdout.splitlines()[0]))
     version = wheel.name.split("-")[1]
     kinds = ("adaptive_fmu/", f"adaptive_fmu-{version}.data/data/share/")
     common = lambda files: {

@@ -203,8 +203,8 @@ def test_a_library_for_arm_lies_in_both_folders_where_masters_look_unless_one_is
     assert adaptive_fmu("export", PLANT, *given, "--out", tmp_path / "out").returncode == 0
     with zipfile.ZipFile(tmp_path / "out" / f"{PLANT}.fmu") as archive:
         names = [name for name in archive.namelist() if "darwin" in name]
-        held = {name.split("/")[1]: archive.read(name) for name in names}
-    assert held == {"aarch64-darwin": libraries[0].read_bytes(), "darwin64": libraries[-1].read_bytes()}
+        contents = {name.split("/")[1]: archive.read(name) for name in names}
+    assert contents == {"aarch64-darwin": libraries[0].read_bytes(), "darwin64": libraries[-1].read_bytes()}
     assert len(names) == 2 and names[0] == f"binaries/aarch64-darwin/{PLANT}.dylib"
     platforms = "platforms: aarch64-darwin, darwin64, linux64"
     assert platforms in adaptive_fmu("info", tmp_path / "out" / f"{PLANT}.fmu").stdout.splitlines()

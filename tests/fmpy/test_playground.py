@@ -186,8 +186,8 @@ def test_an_fmu_is_byte_for_byte_that_of_export(asker: Asker, shared_library: Pa
         ours = asker.file("fmu", MOTOR, kind, libraries=[shared_library], bandwidth=20.0)
         theirs = (tmp_path / "fmus/Own.fmu").read_bytes()
         if ours != theirs:
-            held = [{entry.filename: entry.CRC for entry in zipfile.ZipFile(io.BytesIO(it)).infolist()} for it in (ours, theirs)]
-            different = {name for name in held[0] | held[1] if held[0].get(name) != held[1].get(name)}
+            checksums = [{entry.filename: entry.CRC for entry in zipfile.ZipFile(io.BytesIO(it)).infolist()} for it in (ours, theirs)]
+            different = {name for name in checksums[0] | checksums[1] if checksums[0].get(name) != checksums[1].get(name)}
             # Reference results are written with all digits, of which the last few follow from functions of the C library.
             assert different == {f"extra/org.fmi-standard.fmi-ls-ref/{name}" for name in ("references.csv",)}, different
 

@@ -30,13 +30,13 @@ WORKSPACE = json.loads(cargo("metadata", "--no-deps", "--format-version", "1"))[
 PUBLISHED = {package["name"]: package for package in WORKSPACE if package["publish"] != []}
 
 
-def held(name: str) -> set[str]:
+def packaged(name: str) -> set[str]:
     return set(cargo("package", "--list", "--allow-dirty", "--package", name).splitlines())
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_a_package_holds_every_file_that_its_code_includes_and_the_licences(name: str) -> None:
-    folder, files = Path(PUBLISHED[name]["manifest_path"]).parent, held(name)
+    folder, files = Path(PUBLISHED[name]["manifest_path"]).parent, packaged(name)
     assert {"LICENSE-MIT", "LICENSE-APACHE"} <= files
     for file in [file for file in files if file.endswith(".rs")]:
         for found in INCLUDED.findall((folder / file).read_text()):
@@ -49,7 +49,7 @@ def test_the_models_hold_what_their_build_script_embeds() -> None:
     embedded = [file for place in places for file in ROOT.glob(place)]
     for structure in ROOT.glob("examples/*/SystemStructure.ssd"):
         embedded += [file for file in structure.parent.iterdir() if file.suffix in (".ssd", ".ssv")]
-    assert {file.relative_to(ROOT).as_posix() for file in embedded} <= held("adaptive-fmu-models")
+    assert {file.relative_to(ROOT).as_posix() for file in embedded} <= packaged("adaptive-fmu-models")
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -186,8 +186,8 @@ def test_one_command_makes_everything_that_a_release_page_holds(tmp_path: Path) 
     with zipfile.ZipFile(files[f"{base}-fmus.zip"]) as archive:
         assert set(archive.namelist()) == {f"{name}.fmu" for name in FMU_NAMES}
         with zipfile.ZipFile(archive.open("L1TwinRotor.fmu")) as fmu:
-            held = set(fmu.namelist())
-    assert "binaries/linux64/L1TwinRotor.so" in held and any(name.startswith("sources/") for name in held)
+            entries = set(fmu.namelist())
+    assert "binaries/linux64/L1TwinRotor.so" in entries and any(name.startswith("sources/") for name in entries)
     with zipfile.ZipFile(files[f"{base}-loops.zip"]) as archive:
         assert set(archive.namelist()) == {f"{name}.ssp" for name in LOOP_NAMES}
     with zipfile.ZipFile(files[f"{base}-report.zip"]) as archive:

@@ -171,23 +171,23 @@ def test_structure_is_a_dict_or_a_file(tmp_path: Path) -> None:
 
 
 def test_plants_lie_in_the_region(identified: adaptive_fmu.Identified) -> None:
-    kept = [place for place, (matrix, *_) in enumerate(identified.free) if matrix != "d"]
-    inverse = np.linalg.inv(identified.covariance[np.ix_(kept, kept)])
+    used = [place for place, (matrix, *_) in enumerate(identified.free) if matrix != "d"]
+    inverse = np.linalg.inv(identified.covariance[np.ix_(used, used)])
 
     def squared(plant: tuple[np.ndarray, np.ndarray]) -> float:
         change = {"A": plant[0] - identified.A, "B": plant[1] - identified.B}
-        along = np.array([change[matrix][row - 1, column - 1] for matrix, row, column in (identified.free[k] for k in kept)])
+        along = np.array([change[matrix][row - 1, column - 1] for matrix, row, column in (identified.free[k] for k in used)])
         return along @ inverse @ along
 
-    radius = chi2.ppf(identified.level, len(kept))
+    radius = chi2.ppf(identified.level, len(used))
     distances = np.array([squared(plant) for plant in identified.plants(400, seed=NUMBER)])
     np.testing.assert_allclose(distances[::2], radius, rtol=1e-6)
     # The others by the density, those beyond the surface on it.
     within = distances[1::2]
     assert within.max() <= radius * (1 + 1e-6)
-    assert kstest(within[within < radius * (1 - 1e-6)], chi2(len(kept)).cdf).pvalue > 1e-4, NUMBER
+    assert kstest(within[within < radius * (1 - 1e-6)], chi2(len(used)).cdf).pvalue > 1e-4, NUMBER
     larger = np.array([squared(plant) for plant in identified.plants(4, seed=NUMBER, margin=3, level=0.9)])
-    np.testing.assert_allclose(larger[::2], 9 * chi2.ppf(0.9, len(kept)), rtol=1e-6)
+    np.testing.assert_allclose(larger[::2], 9 * chi2.ppf(0.9, len(used)), rtol=1e-6)
     again, other = identified.plants(4, seed=NUMBER), identified.plants(4, seed=NUMBER + 1)
     np.testing.assert_array_equal(again[3][0], identified.plants(400, seed=NUMBER)[3][0])
     assert not np.array_equal(again[3][0], other[3][0])

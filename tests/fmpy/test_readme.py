@@ -245,11 +245,11 @@ HELD = {
         ("leaves {} files in", lambda: [len(FILES)]),
         ("for up to {} communication steps", lambda: [constant("crates/program/src/analysis/operating_point.rs", "STEPS")]),
         ("hardly moves within {} steps", lambda: [2 * constant("crates/program/src/analysis/operating_point.rs", "STEPS")]),
-        ("more than {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "KEPT") // 1e6]),
+        ("more than {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "MOST_STORED") // 1e6]),
         ("for each {} million values", lambda: [constant("crates/program/src/results/recorder.rs", "BLOCK") // 1e6]),
         ("lines of at most {} MiB", lambda: [constant("crates/identification/src/csv.rs", "LONGEST_LINE") / 2**20]),
     ],
-    "internals.md": [("is freed, {} FMUs at most", lambda: [constant("crates/framework/src/fmi2/shared.rs", "MOST_KEPT")])],
+    "internals.md": [("is freed, {} FMUs at most", lambda: [constant("crates/framework/src/fmi2/shared.rs", "MOST_CACHED")])],
     "foreign_units.md": [
         ("messages, a {} are shown", lambda: [constant("crates/program/src/simulation/closed_loop.rs", "MOST_MESSAGES")]),
     ],

@@ -27,8 +27,8 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
 
 def of_plant(model: dict) -> tuple[list, np.ndarray]:
     """The entries of A and B, and their covariance."""
-    kept = [k for k, (matrix, *_) in enumerate(model["free"]) if matrix in "AB"]
-    return [model["free"][k] for k in kept], np.array(model["covariance"])[np.ix_(kept, kept)]
+    used = [k for k, (matrix, *_) in enumerate(model["free"]) if matrix in "AB"]
+    return [model["free"][k] for k in used], np.array(model["covariance"])[np.ix_(used, used)]
 
 
 def begun(folder: Path, kind: str, *options: str) -> dict:
@@ -46,8 +46,8 @@ def test_a_description_keeps_the_covariance_of_its_plant(identified: tuple[Path,
     nominal = begun(folder, "pid", "--margin", "1.5", "--level", "0.95")["nominal"]
     free, covariance = of_plant(model)
     rows = [row + [0.0] * (len(free) - len(row)) for row in nominal["covariance"]]
-    kept = np.tril(rows) + np.tril(rows, -1).T
-    assert nominal["free"] == free and np.allclose(kept, covariance, rtol=1e-12)
+    joined = np.tril(rows) + np.tril(rows, -1).T
+    assert nominal["free"] == free and np.allclose(joined, covariance, rtol=1e-12)
     assert (nominal["margin"], nominal["level"], nominal["model"]) == (1.5, 0.95, "model.json")
     assert "uncertainty" not in nominal
     # Without the options: the level of the model, and a margin.

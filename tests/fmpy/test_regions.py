@@ -44,10 +44,10 @@ class Controller:
         if self.design["model"] == "l1":
             weight = self.B.T @ solve_continuous_lyapunov(self.A_m.T, -np.array(start["Q"]))
             self.L, self.N = np.linalg.solve(weight @ self.B, weight), null_space(weight)
-        kept = [k for k, (matrix, *_) in enumerate(self.model["free"]) if matrix in "AB"]
-        self.free = [self.model["free"][k] for k in kept]
-        covariance = np.array(self.model["covariance"])[np.ix_(kept, kept)]
-        self.root = np.sqrt(chi2.ppf(self.model["level"], len(kept))) * np.linalg.cholesky(covariance)
+        used = [k for k, (matrix, *_) in enumerate(self.model["free"]) if matrix in "AB"]
+        self.free = [self.model["free"][k] for k in used]
+        covariance = np.array(self.model["covariance"])[np.ix_(used, used)]
+        self.root = np.sqrt(chi2.ppf(self.model["level"], len(used))) * np.linalg.cholesky(covariance)
 
     def closed(self, A: Array, B: Array) -> Array:
         """Rates of x, x̃ = N z and w, where u = w − (K_m + K L) x."""

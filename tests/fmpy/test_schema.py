@@ -25,8 +25,8 @@ def found(text: str) -> str:
 def started(line: str) -> str:
     """The controller of example 3.2.1 with another line in [start]."""
     key = line.split(" = ")[0]
-    kept = [own for own in PLAIN.splitlines() if not own.startswith(f"{key} = ")]
-    return "\n".join([*kept, line]) + "\n"
+    other_lines = [own for own in PLAIN.splitlines() if not own.startswith(f"{key} = ")]
+    return "\n".join([*other_lines, line]) + "\n"
 
 
 WRONG = [

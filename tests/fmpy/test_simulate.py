@@ -141,8 +141,8 @@ def test_a_failing_unit_keeps_what_was_computed(fmu, tmp_path: Path) -> None:
     for interface in ("cs", "me"):
         options = ["--set", "x0[1]=1", "--interface", interface, "--out", tmp_path / interface]
         answer = adaptive_fmu("simulate", fmu(PLANT).path, *options)
-        kept, error = answer.stderr.splitlines()
-        assert answer.returncode == 1 and kept.startswith("results until then are in"), answer
+        note, error = answer.stderr.splitlines()
+        assert answer.returncode == 1 and note.startswith("results until then are in"), answer
         assert error.startswith("error: ") and "diverges" in error
         assert 1.2 < read_csv(tmp_path / interface / PLANT / "result.csv")["time"][-1] < 1.26
 

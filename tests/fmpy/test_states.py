@@ -34,15 +34,15 @@ def test_a_restored_loop_goes_on_bit_for_bit(make_loop) -> None:
 def test_bytes_of_a_state_go_on_in_other_instances_bit_for_bit(make_loop) -> None:
     loop, other = make_loop().start(), make_loop()
     loop.run(SAVED * STEP, STEP)
-    kept = {}
+    stored = {}
     for name in NAMES:
         slave = loop.units[name].slave
-        kept[name] = slave.serializeFMUstate(slave.getFMUstate())
+        stored[name] = slave.serializeFMUstate(slave.getFMUstate())
     first = loop.run(STOP * STEP, STEP, first=SAVED)
     for name in NAMES:
         # The other instances weren't even initialised.
         slave = other.units[name].slave
-        slave.setFMUstate(slave.deSerializeFMUstate(kept[name]))
+        slave.setFMUstate(slave.deSerializeFMUstate(stored[name]))
         other.give(name)
     assert other.run(STOP * STEP, STEP, first=SAVED).same_as(first)
     for name in NAMES:
@@ -92,23 +92,23 @@ def test_a_step_is_taken_back_as_masters_with_error_control_do(unit) -> None:
 def test_bytes_that_are_no_state_of_the_unit_are_refused_and_nothing_changes(unit, spoil: str) -> None:
     plant, controller = unit(PLANT).start(**{"u[1]": 0.1}), unit(CONTROLLER).start()
     plant.step(0.0, 0.01)
-    kept = plant.slave.serializeFMUstate(plant.slave.getFMUstate())
+    stored = plant.slave.serializeFMUstate(plant.slave.getFMUstate())
     foreign = controller.slave.serializeFMUstate(controller.slave.getFMUstate())
-    flipped = bytearray(kept)
-    flipped[len(kept) // 2] ^= 4
+    flipped = bytearray(stored)
+    flipped[len(stored) // 2] ^= 4
     spoiled = {
-        "shortened": kept[:-1],
-        "lengthened": kept + b"\0",
+        "shortened": stored[:-1],
+        "lengthened": stored + b"\0",
         "one bit": bytes(flipped),
         "empty": b"",
-        "zeros": bytes(len(kept)),
+        "zeros": bytes(len(stored)),
         "of another unit": foreign,
     }
     before = plant.everything()
     refused(plant.slave.deSerializeFMUstate, spoiled[spoil])
     assert "fmi2DeSerializeFMUstate" in plant.messages[-1].text
     assert plant.everything() == before
-    assert plant.slave.serializeFMUstate(plant.slave.getFMUstate()) == kept
+    assert plant.slave.serializeFMUstate(plant.slave.getFMUstate()) == stored
 
 
 def test_a_freed_state_is_not_found_again(unit) -> None:

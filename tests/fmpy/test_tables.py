@@ -101,8 +101,8 @@ def test_records_give_the_same_model_from_any_file(tmp_path: Path) -> None:
     # A file of records that check the model, and a design from a file.
     first, last = table[:1000], table[1000:]
     last.to_parquet(tmp_path / "last.parquet", index=False)
-    held = adaptive_fmu.identify(first, **NAMES, hold_out=tmp_path / "last.parquet")
-    same(held, adaptive_fmu.identify(first, **NAMES, hold_out=last))
+    with_hold_out = adaptive_fmu.identify(first, **NAMES, hold_out=tmp_path / "last.parquet")
+    same(with_hold_out, adaptive_fmu.identify(first, **NAMES, hold_out=last))
     assert program(tmp_path, "new", "state-space", "--name", "Own", "--data", "v7.mat", *SIGNALS).returncode in (0, 3)
     with pytest.raises(adaptive_fmu.ArgumentError, match="plant is a record"):
         adaptive_fmu.design(tmp_path / "v5.mat", settling_time=1)

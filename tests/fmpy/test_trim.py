@@ -80,8 +80,8 @@ def test_a_quadrotor_hovers_where_it_is_and_stays_as_it_is_turned() -> None:
     assert [point[f"x[{k}]"] for k in (3, 7, 8)] == pytest.approx([1, 0, 0], abs=1e-9)
     assert point["x[9]"] == pytest.approx(0.20012, abs=5e-6)
     assert found["trim"]["can_move"] == ["x[1]", "x[2]", "x[9]"] and found["steady_state"] is True
-    held = linearise("Quadrotor", *HOVER, "--hold", "x[9]")
-    assert at(held)["x[9]"] == 0.2 and held["trim"]["held"] == ["x[9]"] and held["trim"]["unknowns"] == 20
+    linear_there = linearise("Quadrotor", *HOVER, "--hold", "x[9]")
+    assert at(linear_there)["x[9]"] == 0.2 and linear_there["trim"]["held"] == ["x[9]"] and linear_there["trim"]["unknowns"] == 20
     alone = linearise("Quadrotor", "--free", "u[1]", "--set", "m=0.6")
     assert applied(alone)[:4] == pytest.approx([5.886, 0, 0, 0], abs=1e-9)
     assert [alone["trim"][key] for key in ("rank", "equations", "unknowns")] == [14, 17, 18]

@@ -21,7 +21,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(made.stdout.splitlines()[0])
 
 
-def held(wheel: Path) -> dict[str, bytes]:
+def contents(wheel: Path) -> dict[str, bytes]:
     """The files of a wheel, which are those of its record."""
     name, version, *_ = wheel.stem.split("-")
     with zipfile.ZipFile(wheel) as archive:
@@ -37,7 +37,7 @@ def held(wheel: Path) -> dict[str, bytes]:
 
 
 def test_a_wheel_holds_what_a_program_needs(wheel: Path) -> None:
-    files = held(wheel)
+    files = contents(wheel)
     name, version, *_ = wheel.stem.split("-")
     data = f"{name}-{version}.data"
     with zipfile.ZipFile(wheel) as archive:
@@ -85,8 +85,8 @@ def fresh(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
     done = subprocess.run(install, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     # What zig makes once for each platform takes minutes.
-    kept = {"ZIG_GLOBAL_CACHE_DIR": os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(Path.home() / ".cache" / "zig"))}
-    return {**kept, "PATH": str(python.parent), "HOME": str(folder), "TMPDIR": str(tmp_path_factory.mktemp("tmp"))}
+    variables = {"ZIG_GLOBAL_CACHE_DIR": os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(Path.home() / ".cache" / "zig"))}
+    return {**variables, "PATH": str(python.parent), "HOME": str(folder), "TMPDIR": str(tmp_path_factory.mktemp("tmp"))}
 
 
 @pytest.mark.slow

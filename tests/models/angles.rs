@@ -79,7 +79,7 @@ fn outputs_may_be_read_at_any_time_and_a_step_repeated() {
     run.set("u[1]", 3.0);
     run.0.initialise().unwrap();
     run.step(0.1);
-    let kept = run.0.block().clone();
+    let saved = run.0.block().clone();
     // Set and looked at, without a step: nothing is counted.
     for u in [-3.0, 0.5, -2.0, -3.0] {
         run.set("u[1]", u);
@@ -88,7 +88,7 @@ fn outputs_may_be_read_at_any_time_and_a_step_repeated() {
     assert!((run.get("y[1]") - (TAU - 3.0)).abs() < 1e-15);
     run.step(0.1);
     let once = run.get("y[1]");
-    run.0.block_mut().copy_from(&kept);
+    run.0.block_mut().copy_from(&saved);
     run.set("u[1]", -3.0);
     run.step(0.1);
     assert_eq!(run.get("y[1]").to_bits(), once.to_bits());

@@ -282,13 +282,13 @@ fn a_time_that_is_none_is_refused_and_can_be_tuned() {
 }
 
 /// A controller whose state is kept at zero: its control goes to the limit in the direction of its reference.
-fn held() -> String {
+fn at_its_limit() -> String {
     format!("{}\nu_min = [-1.0]\nu_max = [3.0]", description("L1ActuatedSiso"))
 }
 
 #[test]
 fn the_time_at_a_limit_is_reported_as_long_as_the_control_is_there() {
-    let unit = Unit::from_text(&held());
+    let unit = Unit::from_text(&at_its_limit());
     unit.start(0.0);
     let (mut since, mut longest) = (None, 0.0_f64);
     for k in 0..700 {
@@ -321,7 +321,7 @@ fn the_time_at_a_limit_is_reported_as_long_as_the_control_is_there() {
 
 #[test]
 fn a_saved_state_goes_on_counting_bit_for_bit() {
-    let unit = Unit::from_text(&held());
+    let unit = Unit::from_text(&at_its_limit());
     unit.start(0.0);
     unit.put("r[1]", 1.0);
     unit.run(0.0, 100, 1e-3);
@@ -333,7 +333,7 @@ fn a_saved_state_goes_on_counting_bit_for_bit() {
     assert!(unit.get("time_at_limit") < 0.1);
     unit.run(0.1, 50, 1e-3);
     assert_eq!((unit.get("time_at_limit"), unit.values()), (time, values));
-    let other = Unit::from_text(&held());
+    let other = Unit::from_text(&at_its_limit());
     other.start(0.0);
     let (status, state) = other.deserialise(&unit.bytes(state));
     assert_eq!((status, other.restore(state)), (OK, OK));
@@ -344,7 +344,7 @@ fn a_saved_state_goes_on_counting_bit_for_bit() {
 
 #[test]
 fn in_model_exchange_the_time_goes_on_with_the_masters_steps_and_is_no_event() {
-    let unit = Unit::exchange_from_text(&held());
+    let unit = Unit::exchange_from_text(&at_its_limit());
     unit.begin();
     let place = unit.model.variables().find("u_ad[1]").unwrap().place();
     let complete = |t: f64, u_ad: f64| {

@@ -16,9 +16,9 @@ const NAME: &str = "MracNonlinearSiso";
 
 fn text(start: &str) -> String {
     let own = start.lines().filter_map(|line| line.split('=').next()).map(str::trim).collect::<Vec<_>>();
-    let kept = description(NAME);
-    let kept = kept.lines().filter(|line| own.iter().all(|key| !line.starts_with(&format!("{key} ="))));
-    format!("{}\n{start}", kept.collect::<Vec<_>>().join("\n"))
+    let whole = description(NAME);
+    let whole = whole.lines().filter(|line| own.iter().all(|key| !line.starts_with(&format!("{key} ="))));
+    format!("{}\n{start}", whole.collect::<Vec<_>>().join("\n"))
 }
 
 /// Example 3.2.1 with its cosine, by the method of Runge and Kutta: x, x_m, κ̂, θ̂, σ̂.

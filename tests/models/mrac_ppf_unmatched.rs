@@ -169,8 +169,8 @@ fn in_separate_units_it_stays_in_its_funnels() {
 /// 1/s = 9.0 ms if all are stepped simultaneously, 2/s = 18 ms if the plant is stepped first.
 #[test]
 fn the_longest_steps_are_those_that_s_gives() {
-    for (order, held, lost) in [(Order::AtOnce, 8e-3, 10e-3), (Order::PlantFirst, 17e-3, 20e-3)] {
-        assert!(of_units("", order, held, 30.0).is_ok(), "{order:?}, {held} s");
+    for (order, stable, lost) in [(Order::AtOnce, 8e-3, 10e-3), (Order::PlantFirst, 17e-3, 20e-3)] {
+        assert!(of_units("", order, stable, 30.0).is_ok(), "{order:?}, {stable} s");
         let reason = of_units("", order, lost, 30.0).unwrap_err();
         assert!(reason.contains("it has left its funnel"), "{order:?}, {lost} s: {reason}");
     }

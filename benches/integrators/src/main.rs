@@ -301,9 +301,9 @@ fn restore<C: Memory>(make: impl Fn() -> C) {
         original.restore(&saved);
         let same = verdict(&mut original);
         fresh.restore(&saved);
-        let [new, copy, kept] = [&mut fresh, &mut copy, &mut unsaved].map(verdict);
+        let [new, copy, resumed] = [&mut fresh, &mut copy, &mut unsaved].map(verdict);
         print!("| {:39} | {:7} | {:7} ", original.name(), case.label, saved.len());
-        println!("| {same:8} | {new:7} | {copy:5} | {kept:12} |");
+        println!("| {same:8} | {new:7} | {copy:5} | {resumed:12} |");
     }
 }
 

@@ -135,7 +135,7 @@ impl Controls {
                 .fixed(),
         );
         let (reals, integers) = (d.size(Section::Parameter), d.integer_size(Section::Parameter));
-        let indicators = Driver::kept_of(d.indicator_count());
+        let indicators = Driver::stored_of(d.indicator_count());
         let mut memory = |name: &str, len: usize| (len > 0).then(|| d.memory(vector(name, len, "")));
         Controls {
             relative_tolerance,
@@ -195,14 +195,14 @@ impl Controls {
     }
 
     /// Sections of integers that are copied to the memory, each with the begin of its copy in the block.
-    pub(crate) fn kept_integers(&self, variables: &Variables) -> [(Section, usize); 2] {
+    pub(crate) fn copied_integers(&self, variables: &Variables) -> [(Section, usize); 2] {
         let memory = variables.integers(Section::Memory).start;
         [(Section::Parameter, memory + self.valid_integers), (Section::Input, memory + self.last_integer_inputs)]
     }
 
     /// The same of integers: section, and place there.
     pub(crate) fn integers(&self) -> Vec<(&'static str, Option<(Section, usize)>)> {
-        let kept = |place: usize| Some((Section::Memory, place));
+        let in_memory = |place: usize| Some((Section::Memory, place));
         vec![
             ("INTEGRATION_METHOD", self.integration_method.map(|choice| choice.place())),
             ("FIXED_STEPS", self.fixed_steps.map(|steps| steps.place())),
@@ -215,8 +215,8 @@ impl Controls {
             ("PARAMETERS_SET", Some(self.parameters_set.place())),
             ("SLOPES_GIVEN", Some(self.slopes_given.place())),
             ("INTEGER_INPUTS_WAIT", Some(self.integer_inputs_wait.place())),
-            ("VALID_INTEGERS", kept(self.valid_integers)),
-            ("LAST_INTEGER_INPUTS", kept(self.last_integer_inputs)),
+            ("VALID_INTEGERS", in_memory(self.valid_integers)),
+            ("LAST_INTEGER_INPUTS", in_memory(self.last_integer_inputs)),
         ]
     }
 }

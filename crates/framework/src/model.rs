@@ -338,8 +338,8 @@ fn start_block(variables: &Variables, controls: &Controls) -> Block {
             Data::Boolean { start } => integers[index] = i32::from(*start),
         }
     }
-    for (section, kept) in controls.kept_integers(variables) {
-        integers.copy_within(variables.integers(section), kept);
+    for (section, copy) in controls.copied_integers(variables) {
+        integers.copy_within(variables.integers(section), copy);
     }
     Block { reals, integers }
 }

@@ -113,8 +113,8 @@ impl Found {
         let at_zero = self.at_zero.clone();
         self.layout = self.layout.only(|place| !at_zero.contains(&place), &model);
         let shorten = |fit: &mut Fit| {
-            let kept = fit.unknowns.iter().enumerate().filter(|(k, _)| !zero.contains(k));
-            fit.unknowns = kept.map(|(_, value)| *value).collect();
+            let remaining = fit.unknowns.iter().enumerate().filter(|(k, _)| !zero.contains(k));
+            fit.unknowns = remaining.map(|(_, value)| *value).collect();
         };
         shorten(&mut self.estimate.innovation);
         self.estimate.output_error.iter_mut().for_each(shorten);

@@ -109,10 +109,10 @@ fn trial(
     damping: f64,
 ) -> Option<Vec<f64>> {
     let sign = |k: usize| objective.sign(k);
-    let mut is_held = vec![false; at.len()];
+    let mut is_fixed = vec![false; at.len()];
     loop {
-        let step = damped(information, gradient, damping, &is_held)?;
-        let outward = (0..at.len()).filter(|&k| !is_held[k] && at[k] == 0.0 && sign(k) * step[k] < 0.0);
+        let step = damped(information, gradient, damping, &is_fixed)?;
+        let outward = (0..at.len()).filter(|&k| !is_fixed[k] && at[k] == 0.0 && sign(k) * step[k] < 0.0);
         let outward: Vec<usize> = outward.collect();
         if outward.is_empty() {
             let moved = (0..at.len()).map(|k| {
@@ -121,20 +121,25 @@ fn trial(
             });
             return Some(moved.collect());
         }
-        outward.into_iter().for_each(|k| is_held[k] = true);
+        outward.into_iter().for_each(|k| is_fixed[k] = true);
     }
 }
 
 /// −(JᵀJ + μ diag) ⁻¹ Jᵀr, 0 for what stays where it is.
-fn damped(information: &DMatrix<f64>, gradient: &DVector<f64>, damping: f64, is_held: &[bool]) -> Option<DVector<f64>> {
-    let free: Vec<usize> = (0..is_held.len()).filter(|k| !is_held[*k] && information[(*k, *k)] > 0.0).collect();
+fn damped(
+    information: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    damping: f64,
+    is_fixed: &[bool],
+) -> Option<DVector<f64>> {
+    let free: Vec<usize> = (0..is_fixed.len()).filter(|k| !is_fixed[*k] && information[(*k, *k)] > 0.0).collect();
     let length: Vec<f64> = free.iter().map(|k| information[(*k, *k)].sqrt()).collect();
     let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| {
         information[(free[i], free[j])] / (length[i] * length[j]) + if i == j { damping } else { 0.0 }
     });
     let right = DVector::from_fn(free.len(), |i, _| -gradient[free[i]] / length[i]);
     let solution = Cholesky::new(matrix)?.solve(&right);
-    let mut step = DVector::zeros(is_held.len());
+    let mut step = DVector::zeros(is_fixed.len());
     free.iter().enumerate().for_each(|(i, k)| step[*k] = solution[i] / length[i]);
     step.iter().all(|entry| entry.is_finite()).then_some(step)
 }

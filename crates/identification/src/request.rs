@@ -14,7 +14,7 @@ pub(crate) fn without_fixed(
     findings: &mut Vec<Finding>,
 ) -> Result<(Signals, Options), Refusal> {
     let refuse = |text: String| Err(Refusal::new(Cause::Request, text));
-    let (mut kept, mut of_kept) = (signals.clone(), options.clone());
+    let (mut remaining, mut remaining_options) = (signals.clone(), options.clone());
     let (inputs, delays) = (signals.inputs.len(), &options.delays);
     if !delays.is_empty() && delays.len() != inputs {
         return refuse(format!("{} delays of {inputs} inputs: must be one for each, or none", delays.len()));
@@ -23,19 +23,19 @@ pub(crate) fn without_fixed(
         return refuse(format!("delay = {delay}: must be a finite number, at least 0"));
     }
     for fixed in &options.fixed {
-        let Some(place) = kept.inputs.iter().position(|input| input == fixed) else {
-            return refuse(format!("`{fixed}` is no input; there are: {}", kept.inputs.join(", ")));
+        let Some(place) = remaining.inputs.iter().position(|input| input == fixed) else {
+            return refuse(format!("`{fixed}` is no input; there are: {}", remaining.inputs.join(", ")));
         };
-        kept.inputs.remove(place);
-        if !of_kept.delays.is_empty() {
-            of_kept.delays.remove(place);
+        remaining.inputs.remove(place);
+        if !remaining_options.delays.is_empty() {
+            remaining_options.delays.remove(place);
         }
         findings.push(Finding::note(
             Kind::FixedInput,
             format!("{fixed} is left out: the model holds where it is as it was"),
         ));
     }
-    Ok((kept, of_kept))
+    Ok((remaining, remaining_options))
 }
 
 /// Rows of each record that are estimated from, and those held out.

@@ -51,8 +51,8 @@ impl Residuals {
                 let count: usize = self.windows.iter().map(|(_, _, e)| e.ncols()).sum();
                 let at = |lag: usize| {
                     let of = |e: &DMatrix<f64>| {
-                        let kept = e.ncols().saturating_sub(lag);
-                        (0..kept).map(|k| e[(i, k)] * e[(i, k + lag)]).sum::<f64>()
+                        let pairs = e.ncols().saturating_sub(lag);
+                        (0..pairs).map(|k| e[(i, k)] * e[(i, k + lag)]).sum::<f64>()
                     };
                     self.windows.iter().map(|(_, _, e)| of(e)).sum::<f64>()
                 };

@@ -118,9 +118,9 @@ impl<'a> Matrices<'a> {
         };
         let (a, b, c) = (matrix(&model.A), matrix(&model.B), matrix(&model.C));
         let d = model.D.as_deref().map_or_else(|| DMatrix::zeros(c.nrows(), b.ncols()), matrix);
-        let kept = model.free.iter().enumerate().filter(|(_, Free(matrix, ..))| matrix == "A" || matrix == "B");
+        let of_dynamics = model.free.iter().enumerate().filter(|(_, Free(matrix, ..))| matrix == "A" || matrix == "B");
         let (places, free): (Vec<_>, Vec<_>) =
-            kept.map(|(k, Free(matrix, row, column))| (k, (matrix == "A", row - 1, column - 1))).unzip();
+            of_dynamics.map(|(k, Free(matrix, row, column))| (k, (matrix == "A", row - 1, column - 1))).unzip();
         let covariance = DMatrix::from_fn(places.len(), places.len(), |i, j| model.covariance[places[i]][places[j]]);
         Matrices { a, b, c, d, delay: &model.delay, free, covariance }
     }

@@ -122,14 +122,14 @@ fn a_delay_of_a_part_of_a_step_is_no_longer_one() {
     for seed in 36..42 {
         // Rows of a fifth of a step, of which each fifth one is recorded.
         let mut random = Random(seed);
-        let held: Vec<f64> = random.levels(ROWS, 40).into_iter().flat_map(|level| [level; 5]).collect();
+        let levels: Vec<f64> = random.levels(ROWS, 40).into_iter().flat_map(|level| [level; 5]).collect();
         let plant = Plant::new(2, 1, &[-2.0, 1.0, -3.0, -4.0], &[0.0, 5.0], &[0.0, 0.0]);
-        let x = plant.simulate(&times(5 * ROWS, STEP / 5.0), std::slice::from_ref(&held), &[0.0, 0.0]);
+        let x = plant.simulate(&times(5 * ROWS, STEP / 5.0), std::slice::from_ref(&levels), &[0.0, 0.0]);
         let each_fifth =
             |column: &[f64], first: usize| column.iter().skip(first).step_by(5).copied().collect::<Vec<_>>();
         let mut x: Vec<_> = x.iter().map(|column| each_fifth(column, 4)).collect();
         noisy(&mut random, &mut x, 0.002);
-        let columns = Columns { time: times(ROWS, STEP), u: vec![each_fifth(&held, 5)], x };
+        let columns = Columns { time: times(ROWS, STEP), u: vec![each_fifth(&levels, 5)], x };
         let mut record = columns.record();
         record.columns[0].values.push(0.0);
         let found = good(identify(record));

@@ -20,7 +20,7 @@ use crate::begun;
 /// Variable that names another cache folder; empty for no cache.
 pub const FOLDER: &str = "ADAPTIVE_FMU_CACHE";
 /// The most files in the cache; the oldest are removed first.
-const MOST_KEPT: usize = 500;
+const MOST_CACHED: usize = 500;
 /// Time for which a library stays after the start of a program that loads it.
 const RECENT: Duration = Duration::from_secs(3600);
 /// Age at which an unfinished file of a killed process is removed.
@@ -242,7 +242,7 @@ fn tidy(folder: &Path) {
     let dated = |entry: DirEntry| Some((entry.metadata().ok()?.modified().ok()?, entry.path()));
     let mut files: Vec<(SystemTime, PathBuf)> = entries.filter_map(|entry| dated(entry.ok()?)).collect();
     files.sort();
-    let surplus = files.len().saturating_sub(MOST_KEPT);
+    let surplus = files.len().saturating_sub(MOST_CACHED);
     let is_old = |time: &SystemTime| time.elapsed().is_ok_and(|age| age > UNFINISHED);
     let is_left = |time: &SystemTime, file: &Path| is_old(time) && file.to_string_lossy().contains(".tmp");
     let is_loaded = |time: &SystemTime, file: &Path| {
@@ -261,20 +261,20 @@ mod tests {
     #[test]
     fn a_library_that_a_program_loads_stays_however_many_newer_files_there_are() {
         let folder = tempfile::tempdir().unwrap();
-        let held = Entry { file: folder.path().join("loaded").with_extension(LIBRARY) };
+        let loaded = Entry { file: folder.path().join("loaded").with_extension(LIBRARY) };
         let old = Entry { file: folder.path().join("old").with_extension(LIBRARY) };
-        assert!(held.holds(b"library") && old.holds(b"other"));
+        assert!(loaded.holds(b"library") && old.holds(b"other"));
         let hours_ago = SystemTime::now() - 2 * RECENT;
-        for entry in [&held, &old] {
+        for entry in [&loaded, &old] {
             File::options().write(true).open(entry.file()).unwrap().set_modified(hours_ago).unwrap();
         }
         // A program begins.
-        assert!(held.holds(b"library"));
-        for k in 0..MOST_KEPT + 2 {
+        assert!(loaded.holds(b"library"));
+        for k in 0..MOST_CACHED + 2 {
             fs::write(folder.path().join(format!("{k}.kernel")), b"").unwrap();
         }
         tidy(folder.path());
-        assert_eq!([held.file().exists(), old.file().exists()], [true, false]);
+        assert_eq!([loaded.file().exists(), old.file().exists()], [true, false]);
     }
 
     #[test]

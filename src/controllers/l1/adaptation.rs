@@ -113,9 +113,9 @@ impl Law {
             let row = C.row(i);
             let moved: f64 =
                 at_rest.row(i).iter().zip(&v[self.design.sigma_bound]).map(|(y, sigma)| (y * sigma).abs()).sum();
-            let held = if moved > 0.0 { 0.5 * moved } else { 1.0 };
+            let half = if moved > 0.0 { 0.5 * moved } else { 1.0 };
             let known = known.and_then(|known| known.get(i)).map(|&known| [known, known]);
-            let reference = known.unwrap_or([held.min(1.0), held.max(1.0)]);
+            let reference = known.unwrap_or([half.min(1.0), half.max(1.0)]);
             Off { output: i, bound: size * (row * &inverse * row.transpose())[0].max(0.0).sqrt(), reference }
         });
         let rank = |off: &Off| (off.verdict(), off.bound / off.reference[1]);

@@ -103,8 +103,8 @@ impl Order {
     pub fn prepare(&self, law: &Law, inverse: &DMatrix<f64>, v: &mut Point) -> Result<(), Invalid> {
         let Order::Second { C, feedforward, .. } = self else { return Ok(()) };
         let A_m = law.desired_dynamics(&v.values()).into_owned();
-        let held = -(inverse * C * &A_m * &A_m * self.shown()?);
-        v.matrix_mut(*feedforward).copy_from(&held);
+        let at_rest = -(inverse * C * &A_m * &A_m * self.shown()?);
+        v.matrix_mut(*feedforward).copy_from(&at_rest);
         Ok(())
     }
 

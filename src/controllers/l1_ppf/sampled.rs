@@ -22,7 +22,7 @@ pub(super) struct Samples {
     pub sampling: Sampling,
     prediction_steps: IntegerOf<Parameter>,
     /// u_ε until the next sample.
-    pub held: VectorOf<Discrete>,
+    pub control: VectorOf<Discrete>,
 }
 
 /// Terms of F of a channel.
@@ -41,7 +41,7 @@ impl Samples {
         Samples {
             prediction_steps: d.parameter(prediction_steps()),
             sampling: Sampling::declare(d),
-            held: d.discrete(vector("#held", m, "").hidden()),
+            control: d.discrete(vector("#held", m, "").hidden()),
         }
     }
 }
@@ -85,7 +85,7 @@ impl L1Ppf {
     pub(super) fn begin_sampling<S: Scalar>(&self, t: S, v: &mut Point<S>) {
         if let Some(samples) = &self.samples {
             samples.sampling.begin(t, self.is_sampled(&v.values()), v);
-            v[samples.held].fill(S::from(0.0));
+            v[samples.control].fill(S::from(0.0));
         }
     }
 
@@ -99,7 +99,7 @@ impl L1Ppf {
     /// Takes a sample: looks at the funnel, and finds what the barrier adds until the next sample.
     fn sample<S: Scalar>(&self, samples: &Samples, t: S, v: &mut Point<S>) {
         let h = v[samples.sampling.clock.period] * S::from_integer(v.get(samples.prediction_steps));
-        v[samples.held].fill(S::from(0.0));
+        v[samples.control].fill(S::from(0.0));
         let active = self.law.is_active(&v.values());
         v.when(active, |v| {
             self.funnel.look_from_now_on(v);
@@ -107,7 +107,7 @@ impl L1Ppf {
             for i in 0..self.barrier_gain.len() {
                 let asked = self.ahead(i, t, h, &v.values()).asked();
                 for (j, of_channel) in self.reached(i) {
-                    v[samples.held][j] += asked * of_channel;
+                    v[samples.control][j] += asked * of_channel;
                 }
             }
         });
@@ -134,7 +134,7 @@ impl L1Ppf {
     ) {
         let first = |v: &mut Point<S>| {
             self.sample(samples, t, v);
-            v.copy(samples.held, self.added.now);
+            v.copy(samples.control, self.added.now);
             self.law.show_with_added(v);
         };
         samples.sampling.keep_to_communication_points((t, step), first, |_| {}, v);

@@ -28,11 +28,11 @@ impl L1Sampled {
         self.control(v);
         v.when(by_hand, |v| {
             for i in 0..self.u.len() {
-                v[self.held][i] = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
+                v[self.sampled_control][i] = within(v[self.in_command.u_manual][i], v[self.u_min][i], v[self.u_max][i]);
             }
         });
         for i in 0..self.past.len() {
-            v[self.past][i] = v[self.held][i % self.u.len()];
+            v[self.past][i] = v[self.sampled_control][i % self.u.len()];
         }
         v.when(by_hand, |v| self.follow(v));
     }
@@ -48,7 +48,7 @@ impl L1Sampled {
         let follows = !self.in_command.is_active(&v.values()) | v.get(self.takes_over);
         v.when(follows, |v| {
             for i in 0..self.u.len() {
-                v[self.held][i] = within(v[self.past][i], v[self.u_min][i], v[self.u_max][i]);
+                v[self.sampled_control][i] = within(v[self.past][i], v[self.u_min][i], v[self.u_max][i]);
             }
             self.follow(v);
         });
@@ -187,7 +187,7 @@ impl L1Sampled {
         for i in 0..m {
             let values = &v.values();
             let u = product(self.W_0_inverse, i, |j| values[self.between][j], values);
-            v[self.held][i] = within(u, v[self.u_min][i], v[self.u_max][i]);
+            v[self.sampled_control][i] = within(u, v[self.u_min][i], v[self.u_max][i]);
         }
     }
 
@@ -195,7 +195,7 @@ impl L1Sampled {
     fn follow<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.u.len() {
             let values = &v.values();
-            let zeta = product(self.W_0, i, |j| values[self.held][j], values)
+            let zeta = product(self.W_0, i, |j| values[self.sampled_control][j], values)
                 + product(self.K_d, i, |j| values[self.x_ahead][j], values);
             v[self.zeta][i] = zeta;
         }

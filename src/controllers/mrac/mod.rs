@@ -234,7 +234,7 @@ impl System for Mrac {
                     Factor::One => S::from(1.0),
                 })
             };
-            let of_law = S::branch(is_sampled, || v[self.samples.held][i], law);
+            let of_law = S::branch(is_sampled, || v[self.samples.control][i], law);
             let wanted = S::branch(active, || of_law, || v[self.in_command.u_manual][i]);
             y[self.unlimited.at(i)] = wanted;
             y[self.u.at(i)] = within(wanted, v[self.u_min][i], v[self.u_max][i]);

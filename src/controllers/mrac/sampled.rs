@@ -16,7 +16,7 @@ use crate::system::{Declaration, Discrete, Point, Scalar, Values, VectorOf, vect
 pub(super) struct Samples {
     pub sampling: Sampling,
     /// The control until the next sample, before its limits.
-    pub held: VectorOf<Discrete>,
+    pub control: VectorOf<Discrete>,
     /// x_m at the latest sample.
     pub x_m_before: VectorOf<Discrete>,
     /// u_b and φ(x) as they were last looked at.
@@ -36,7 +36,7 @@ impl Samples {
         let sampling = Sampling::declare(d);
         let mut hidden = |name: &str, size: usize| d.discrete(vector(name, size, "").hidden());
         Samples {
-            held: hidden("#sampled u", m),
+            control: hidden("#sampled u", m),
             x_m_before: hidden("#x_m_before", n),
             u_b: hidden("#sampled u_b", m),
             phi: hidden("#sampled phi", columns),
@@ -107,12 +107,12 @@ impl Mrac {
     pub(super) fn hold<S: Scalar>(&self, v: &mut Point<S>) {
         for i in 0..self.u.len() {
             let wanted = self.sampled_law(i, &v.values());
-            v[self.samples.held][i] = wanted;
+            v[self.samples.control][i] = wanted;
         }
         let is_shown = self.is_sampled(&v.values()) & self.in_command.is_active(&v.values());
         v.when(is_shown, |v| {
             for i in 0..self.u.len() {
-                let wanted = v[self.samples.held][i];
+                let wanted = v[self.samples.control][i];
                 v[self.unlimited][i] = wanted;
                 v[self.u][i] = within(wanted, v[self.u_min][i], v[self.u_max][i]);
             }
@@ -140,8 +140,8 @@ impl Mrac {
         for i in 0..n {
             let values = &v.values();
             let rest = (0..self.u.len()).fold(S::from(0.0), |sum, j| {
-                let held = v[self.samples.held][j];
-                let driven = self.command(j, values) + within(held, v[self.u_min][j], v[self.u_max][j]) - held;
+                let control = v[self.samples.control][j];
+                let driven = self.command(j, values) + within(control, v[self.u_min][j], v[self.u_max][j]) - control;
                 sum + v[self.design.at_rest.at(i, j)] * driven
             });
             v[self.samples.rest][i] = rest;

@@ -73,8 +73,8 @@ impl MracPpf {
         let count = (0..n * n).fold(S::from(0.0), |count, k| {
             let (i, j) = (k / n, k % n);
             let bound = v[theta_bound][i];
-            let held = is_in_layer(v[self.theta_hat.at(j, i)], -bound, bound, v[projection_tolerance]);
-            count + S::from_flag(held)
+            let in_layer = is_in_layer(v[self.theta_hat.at(j, i)], -bound, bound, v[projection_tolerance]);
+            count + S::from_flag(in_layer)
         });
         v.put(projection_active, count.to_integer());
         v.when(count.above(S::from(0.0)), |v| {

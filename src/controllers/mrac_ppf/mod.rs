@@ -236,9 +236,9 @@ impl System for MracPpf {
         }
         for k in 0..self.u.len() {
             let u = self.u.at(k);
-            let (is_sampled, held, wanted) = (self.is_sampled(v), v[self.samples.held][k], y[u]);
-            y[self.unlimited.at(k)] = S::branch(is_sampled, || held, || wanted);
-            y[u] = S::branch(is_sampled, || held, || within(wanted, v[self.u_min][k], v[self.u_max][k]));
+            let (is_sampled, sampled, wanted) = (self.is_sampled(v), v[self.samples.control][k], y[u]);
+            y[self.unlimited.at(k)] = S::branch(is_sampled, || sampled, || wanted);
+            y[u] = S::branch(is_sampled, || sampled, || within(wanted, v[self.u_min][k], v[self.u_max][k]));
         }
     }
 

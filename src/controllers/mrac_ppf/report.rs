@@ -66,8 +66,8 @@ impl MracPpf {
         let gain = psi * v[self.gamma_2][i] * (v[self.beta][i] + h / rho)
             + v[self.alpha_bar][i] / v[self.switching_width]
             + v[self.K_epsilon][i];
-        let kept = if v[self.bounded.theta_leakage][i] > 0.0 { 0.0 } else { v[self.gamma_1][i] };
-        kept / (rho * (rho + h * gain))
+        let rate = if v[self.bounded.theta_leakage][i] > 0.0 { 0.0 } else { v[self.gamma_1][i] };
+        rate / (rho * (rho + h * gain))
     }
 
     fn report_step(&self, v: &Values<f64>, report: &mut DesignReport) {

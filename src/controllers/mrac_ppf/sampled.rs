@@ -63,17 +63,17 @@ impl MracPpf {
 
     /// Holds the control of a wanted rate of each channel, and shows it.
     fn hold<S: Scalar>(&self, v: &mut Point<S>, rate: impl Fn(usize, &mut Point<S>) -> S) {
-        v[self.samples.held].fill(S::from(0.0));
+        v[self.samples.control].fill(S::from(0.0));
         for i in 0..self.x.len() {
             let rate = rate(i, v);
             for k in 0..self.u.len() {
-                v[self.samples.held][k] += rate * self.B_inverse[(k, i)];
+                v[self.samples.control][k] += rate * self.B_inverse[(k, i)];
             }
         }
         for k in 0..self.u.len() {
-            v[self.samples.held][k] = within(v[self.samples.held][k], v[self.u_min][k], v[self.u_max][k]);
+            v[self.samples.control][k] = within(v[self.samples.control][k], v[self.u_min][k], v[self.u_max][k]);
         }
-        v.when(self.is_sampled(&v.values()), |v| v.copy(self.samples.held, self.u));
+        v.when(self.is_sampled(&v.values()), |v| v.copy(self.samples.control, self.u));
     }
 
     fn ahead<S: Scalar>(&self, i: usize, t: S, h: S, v: &Values<S>) -> Ahead<S> {

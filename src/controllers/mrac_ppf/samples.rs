@@ -14,7 +14,7 @@ use crate::system::{
 pub(super) struct Samples {
     pub sampling: Sampling,
     /// The control until the next sample.
-    pub held: VectorOf<Discrete>,
+    pub control: VectorOf<Discrete>,
     /// x_m at the latest sample.
     pub x_m_before: VectorOf<Discrete>,
     /// e^(A_m T) by columns, then the workspace for it.
@@ -27,7 +27,7 @@ impl Samples {
         let hidden = |name: &str, size: usize| vector(name, size, "").hidden();
         Samples {
             sampling: Sampling::declare(d),
-            held: d.discrete(hidden("#held", m)),
+            control: d.discrete(hidden("#held", m)),
             x_m_before: d.discrete(hidden("#x_m_before", n)),
             transition: d.discrete(hidden("#transition", n * n + workspace(n))),
         }

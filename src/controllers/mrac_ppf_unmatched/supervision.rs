@@ -48,12 +48,12 @@ impl MracPpfUnmatched {
     /// Counts estimates at their bounds, and warns of them.
     fn count_projections<S: Scalar>(&self, active: S::Flag, v: &mut Point<S>) {
         let tolerance = v[self.projection_tolerance];
-        let is_held = |estimate: S, bound: S| S::from_flag(is_in_layer(estimate, -bound, bound, tolerance));
+        let is_in_its_layer = |estimate: S, bound: S| S::from_flag(is_in_layer(estimate, -bound, bound, tolerance));
         let mut count = S::from(0.0);
         for i in 0..self.x.len() {
-            count += is_held(v[self.sigma_hat][i], v[self.sigma_bound][i]);
+            count += is_in_its_layer(v[self.sigma_hat][i], v[self.sigma_bound][i]);
             for j in 0..self.x.len() {
-                count += is_held(v[self.theta_hat.at(j, i)], v[self.theta_bound][i]);
+                count += is_in_its_layer(v[self.theta_hat.at(j, i)], v[self.theta_bound][i]);
             }
         }
         v.put(self.projection_active, count.to_integer());

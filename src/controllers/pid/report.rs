@@ -16,7 +16,7 @@ use crate::report::{at_least, at_most, number};
 use crate::system::{DesignReport, Values, Verdict};
 
 /// Least part of the derivative that should remain at the end of a step.
-const KEPT: f64 = 0.8;
+const LEAST_REMAINING: f64 = 0.8;
 /// N H at which so much is left.
 const LONGEST: f64 = 0.43;
 /// Least ratio of the filter's rate to K_p/K_d, from which on the derivative acts.
@@ -74,19 +74,19 @@ impl Pid {
     }
 
     fn report_sampled_derivative(&self, i: usize, v: &Values<f64>, report: &mut DesignReport) {
-        let (N, H, kept) = (v[self.N][i], report.step, kept(v[self.N][i] * report.step));
+        let (N, H, remaining) = (v[self.N][i], report.step, remaining_part(v[self.N][i] * report.step));
         let (of_D, of_N) = (v.name(self.D.at(i)), v.name(self.N.at(i)));
         let note = format!("part of {of_D} that is left at the end of a communication step of {} s", number(H));
-        if kept >= KEPT {
-            report.add("sampled derivative", kept, "", &note);
+        if remaining >= LEAST_REMAINING {
+            report.add("sampled derivative", remaining, "", &note);
             return;
         }
         let (step, rate) = (at_most(LONGEST / N), at_most(LONGEST / H));
         let note = format!(
             "{note} with a constant output. A step of {step} s or less, or {of_N} of {rate} rad/s or less, \
-             leaves {KEPT}; input_handling = interpolate leaves all of it"
+             leaves {LEAST_REMAINING}; input_handling = interpolate leaves all of it"
         );
-        report.judge("sampled derivative", kept, "", Verdict::Warning, note);
+        report.judge("sampled derivative", remaining, "", Verdict::Warning, note);
     }
 
     /// Reports the limits of a controller that has some.
@@ -109,6 +109,6 @@ impl Pid {
 }
 
 /// Part of the derivative that remains at the end of each step for a sampled ramp: x/(eˣ − 1) with x = N H.
-fn kept(x: f64) -> f64 {
+fn remaining_part(x: f64) -> f64 {
     x / x.exp_m1()
 }

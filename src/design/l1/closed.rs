@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::design::robustness::linear::{LinearLaw, Parts, held, late};
+use crate::design::robustness::linear::{LinearLaw, Parts, late, zero_order_hold};
 use crate::design::robustness::uncertain::Uncertain;
 use crate::design::step::exponential;
 
@@ -107,7 +107,7 @@ impl LinearLaw for Law {
         let (registers, own) = (late(plant.delay, H)? * m, if self.adapts { n } else { 0 });
         let N = n + own + m + registers;
         let (w, waiting) = (n + own, n + own + m);
-        let [over_x, over_u] = held(A_t, B_t, H)?;
+        let [over_x, over_u] = zero_order_hold(A_t, B_t, H)?;
         let mut step = DMatrix::zeros(N, N);
         step.view_mut((0, 0), (n, n)).copy_from(&over_x);
         // The oldest control acts, the others move on.

@@ -16,7 +16,7 @@ const SLOW: f64 = 1.5;
 /// Zeros with less damping get no pole.
 const DAMPED: f64 = 0.4;
 /// Poles of the plant that stay get at least this damping.
-const KEPT_DAMPING: f64 = 0.7;
+const LEAST_DAMPING: f64 = 0.7;
 /// A zero below this, in W, lets no constant control hold an output.
 const AT_REST: f64 = 1e-6;
 /// The fastest pole, in W, with which several channels are decoupled.
@@ -56,7 +56,7 @@ pub fn desired(plant: &Uncertain, nominal: &Nominal) -> Result<(Desired, DMatrix
         let gain = pole_placement::place(&plant.A, &plant.B, &wanted)?;
         return Ok((Desired::Poles(poles), gain));
     }
-    let is_good = |pole: &Complex<f64>| pole.re < 0.0 && pole.norm() >= 1.0 - 1e-9 && damping(pole) >= KEPT_DAMPING;
+    let is_good = |pole: &Complex<f64>| pole.re < 0.0 && pole.norm() >= 1.0 - 1e-9 && damping(pole) >= LEAST_DAMPING;
     if nominal.poles.iter().all(is_good) {
         return Ok((Desired::Own, DMatrix::zeros(m, n)));
     }
@@ -88,7 +88,7 @@ fn of_one_input(own: &[Complex<f64>], zeros: &[Complex<f64>]) -> Vec<Complex<f64
     let alone = |pole: &Complex<f64>| if has_conjugate(pole) { *pole } else { Complex::from(-pole.norm()) };
     let left: Vec<_> = left.iter().map(alone).collect();
     let (fast, slow): (Vec<_>, Vec<_>) = left.into_iter().partition(|pole| pole.norm() >= 1.0 - 1e-9);
-    poles.extend(fast.iter().map(kept));
+    poles.extend(fast.iter().map(damped));
     poles.extend(bessel(slow.len()));
     // Conjugates side by side.
     poles.sort_by(|a, b| a.norm().total_cmp(&b.norm()).then(a.im.abs().total_cmp(&b.im.abs())));
@@ -97,11 +97,11 @@ fn of_one_input(own: &[Complex<f64>], zeros: &[Complex<f64>]) -> Vec<Complex<f64
 }
 
 /// A pole as it is, made stable, and damped.
-fn kept(pole: &Complex<f64>) -> Complex<f64> {
+fn damped(pole: &Complex<f64>) -> Complex<f64> {
     if pole.im == 0.0 {
         return Complex::from(-pole.norm());
     }
-    let wanted = (pole.re.abs() / pole.norm()).max(KEPT_DAMPING);
+    let wanted = (pole.re.abs() / pole.norm()).max(LEAST_DAMPING);
     let imaginary = (1.0 - wanted * wanted).max(0.0).sqrt() * pole.im.signum();
     Complex::new(-wanted, imaginary) * pole.norm()
 }

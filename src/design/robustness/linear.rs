@@ -158,14 +158,14 @@ impl LinearLaw for OutputFeedback {
         let Controller { A, B, C, D } = &self.controller;
         let (n, k, m) = (self.C.ncols(), A.nrows(), C.nrows());
         let registers = late(plant.delay, H)? * m;
-        let of_plant = held(A_t, B_t, H)?;
+        let of_plant = zero_order_hold(A_t, B_t, H)?;
         let (N, waiting) = (n + k + registers, n + k);
         let mut step = DMatrix::zeros(N, N);
         step.view_mut((0, 0), (n, n)).copy_from(&of_plant[0]);
         step.view_mut((0, waiting), (n, m)).copy_from(&of_plant[1]);
         (0..registers - m).for_each(|k| step[(waiting + k, waiting + k + m)] = 1.0);
         if k > 0 {
-            let of_law = held(A, B, H)?;
+            let of_law = zero_order_hold(A, B, H)?;
             step.view_mut((n, 0), (k, n)).copy_from(&(&of_law[1] * &self.C));
             step.view_mut((n, n), (k, k)).copy_from(&of_law[0]);
             // At the end of the step, of what was measured at its beginning.
@@ -179,7 +179,7 @@ impl LinearLaw for OutputFeedback {
 }
 
 /// e^(A H), and ∫ e^(A s) ds B from 0 to H.
-pub fn held(A: &DMatrix<f64>, B: &DMatrix<f64>, H: f64) -> Option<[DMatrix<f64>; 2]> {
+pub fn zero_order_hold(A: &DMatrix<f64>, B: &DMatrix<f64>, H: f64) -> Option<[DMatrix<f64>; 2]> {
     let (n, m) = B.shape();
     let mut whole = DMatrix::zeros(n + m, n + m);
     whole.view_mut((0, 0), (n, n)).copy_from(&(A * H));

@@ -156,17 +156,17 @@ fn as_much_as_possible_is_given_in_the_order_of_the_priorities() {
         let (rotors, demand) = drawn(&mut random);
         let [thrust, p, q, r] = demand;
         let [min, max] = rotors.limits;
-        let kept = (thrust / 4.0).clamp(min, max);
+        let thrust_of_rotor = (thrust / 4.0).clamp(min, max);
         for priority in PRIORITIES {
             let range = match priority {
                 Attitude => [min, max],
-                AttitudeDown => [min, kept],
-                Thrust => [kept, kept],
+                AttitudeDown => [min, thrust_of_rotor],
+                Thrust => [thrust_of_rotor, thrust_of_rotor],
             };
             let part = largest(|s| is_feasible(&rotors, [s * p, s * q, 0.0], range));
             let forces = unlimited(&rotors, [0.0, part * p, part * q, 0.0]);
             let most = forces.iter().copied().fold(0.0, f64::max);
-            let quarter = kept.clamp((min + most).min(range[1]), (max - most).max(range[0]).max(min + most));
+            let quarter = thrust_of_rotor.clamp((min + most).min(range[1]), (max - most).max(range[0]).max(min + most));
             let of_yaw = largest(|s| is_feasible(&rotors, [part * p, part * q, s * r], [quarter, quarter]));
             let expected = [4.0 * quarter, part * p, part * q, of_yaw * r];
             let found = allocate(&rotors, demand, priority).achieved;

@@ -48,10 +48,10 @@ pub fn continuous(A: &DMatrix<f64>, B: &DMatrix<f64>, dt: f64) -> Result<[DMatri
     // Inputs of like size: powers of two round nothing.
     let inputs = &other * B;
     let size = if inputs.amax() > 0.0 { inputs.amax().log2().round().exp2() } else { 1.0 };
-    let mut held = DMatrix::identity(n + m, n + m);
-    held.view_mut((0, 0), (n, n)).copy_from(&balanced);
-    held.view_mut((0, n), (n, m)).copy_from(&(inputs / size));
-    let found = logarithm(&held).filter(|found| (found.exp() - &held).norm() <= PRECISION * held.norm());
+    let mut block = DMatrix::identity(n + m, n + m);
+    block.view_mut((0, 0), (n, n)).copy_from(&balanced);
+    block.view_mut((0, n), (n, m)).copy_from(&(inputs / size));
+    let found = logarithm(&block).filter(|found| (found.exp() - &block).norm() <= PRECISION * block.norm());
     let mut rates = found.ok_or_else(extreme)? / dt;
     let rounding = ((n + m) as f64 * f64::EPSILON) / dt;
     rates.iter_mut().filter(|entry| entry.abs() <= rounding).for_each(|entry| *entry = 0.0);
@@ -118,8 +118,8 @@ mod tests {
                     let A = DMatrix::from_fn(n, n, |_, _| 2.0 * random());
                     let B = DMatrix::from_fn(n, m, |_, _| 1e3 * random());
                     let dt = 0.1 + 0.09 * random();
-                    let [discrete, held] = sampled(&A, &B, dt);
-                    let [found, inputs] = continuous(&discrete, &held, dt).unwrap();
+                    let [discrete, of_inputs] = sampled(&A, &B, dt);
+                    let [found, inputs] = continuous(&discrete, &of_inputs, dt).unwrap();
                     assert!((&found - &A).norm() <= 1e-9 * A.norm(), "{A} {found}");
                     assert!((&inputs - &B).norm() <= 1e-9 * B.norm(), "{B} {inputs}");
                 }
@@ -131,8 +131,8 @@ mod tests {
     fn integrators_and_states_of_any_unit_come_back_from_sampling() {
         let (dt, B) = (1e-3, DMatrix::from_row_slice(3, 1, &[0.0, 0.0, 5e-4]));
         let A = DMatrix::from_row_slice(3, 3, &[0.0, 1e6, 0.0, 0.0, 0.0, 1e-6, 0.0, 0.0, -40.0]);
-        let [discrete, held] = sampled(&A, &B, dt);
-        let [found, inputs] = continuous(&discrete, &held, dt).unwrap();
+        let [discrete, of_inputs] = sampled(&A, &B, dt);
+        let [found, inputs] = continuous(&discrete, &of_inputs, dt).unwrap();
         let units = [1e6, 1.0, 1e6];
         for i in 0..3 {
             let near = |found: f64, given: f64, size: f64| (found - given).abs() <= 1e-9 * size;

@@ -157,8 +157,8 @@ mod tests {
         // (s + 3)/(s² + 0.4 s + 4), sampled every 0.05 s behind a zero-order hold, by its poles and residues.
         let (dt, pole) = (0.05, Complex::new(-0.2, 3.96_f64.sqrt()));
         let (z, residue) = ((pole * dt).exp(), (pole + 3.0) / (pole - pole.conj()));
-        let held = residue * (z - 1.0) / pole;
-        let num = [2.0 * held.re, -2.0 * (held * z.conj()).re];
+        let sampled = residue * (z - 1.0) / pole;
+        let num = [2.0 * sampled.re, -2.0 * (sampled * z.conj()).re];
         let den = [1.0, -2.0 * z.re, z.norm_sqr()];
         let plant = Plant::parse(&format!(r#"{{"num": {num:?}, "den": {den:?}, "dt": {dt}}}"#)).unwrap();
         for s in [Complex::from(0.0), Complex::new(0.0, 1.0), Complex::new(1.0, 7.0)] {

@@ -266,9 +266,9 @@ fn saved_states_hold_the_origin() {
     run.set("x[1]", 0.1);
     run.0.initialise().unwrap();
     run.step(0.01);
-    let kept = run.0.block().clone();
+    let saved = run.0.block().clone();
     let mut ahead = |r: f64| {
-        run.0.block_mut().copy_from(&kept);
+        run.0.block_mut().copy_from(&saved);
         run.set("r[1]", r);
         run.step(0.01);
         (run.get("origin[1]"), run.get("u[1]").to_bits())

@@ -172,7 +172,7 @@ impl Hand {
     }
 
     /// The rates of the controller, and its control; `held` is the output of a sampled barrier.
-    fn rates(&self, t: f64, state: &State, held: Option<&DVector<f64>>) -> (State, DVector<f64>) {
+    fn rates(&self, t: f64, state: &State, sampled: Option<&DVector<f64>>) -> (State, DVector<f64>) {
         let [x_m, x_hat, omega, theta, sigma, u_ad] = &state.0;
         let n = self.A.nrows();
         let low = |matrix: &DMatrix<f64>| matrix.rows(n - 2, 2).into_owned();
@@ -180,7 +180,7 @@ impl Hand {
         let K_m = &gain * low(&(&self.A - &self.A_m));
         let x = DMatrix::from_column_slice(n, 1, self.x.as_slice());
         let feedback = &K_m * &x;
-        let asked = held.cloned().unwrap_or_else(|| {
+        let asked = sampled.cloned().unwrap_or_else(|| {
             let (asked, furthest) = self.barrier(t, x_m);
             assert!(furthest < 0.99, "the error stays inside here");
             asked
@@ -249,15 +249,15 @@ impl Hand {
     }
 
     /// The states so much later, by steps of the classical Runge–Kutta method.
-    fn later(&self, from: f64, time: f64, mut state: State, held: Option<&DVector<f64>>) -> State {
+    fn later(&self, from: f64, time: f64, mut state: State, sampled: Option<&DVector<f64>>) -> State {
         let steps = (time * 13_333.0).ceil() as u32;
         let h = time / f64::from(steps);
         for k in 0..steps {
             let t = from + f64::from(k) * h;
-            let one = self.rates(t, &state, held).0;
-            let two = self.rates(t + h / 2.0, &state.moved(&one, h / 2.0), held).0;
-            let three = self.rates(t + h / 2.0, &state.moved(&two, h / 2.0), held).0;
-            let four = self.rates(t + h, &state.moved(&three, h), held).0;
+            let one = self.rates(t, &state, sampled).0;
+            let two = self.rates(t + h / 2.0, &state.moved(&one, h / 2.0), sampled).0;
+            let three = self.rates(t + h / 2.0, &state.moved(&two, h / 2.0), sampled).0;
+            let four = self.rates(t + h, &state.moved(&three, h), sampled).0;
             for (rate, part) in [(one, 6.0), (two, 3.0), (three, 3.0), (four, 6.0)] {
                 state = state.moved(&rate, h / part);
             }
@@ -273,12 +273,12 @@ impl Hand {
 
     /// The control of the sampled law after each of so many samples, looking ahead over a number of them.
     fn controls_at_samples(&self, count: u32, period: f64, ahead: u32) -> Vec<DVector<f64>> {
-        let (mut state, mut held) = (self.start(), DVector::zeros(2));
+        let (mut state, mut sampled) = (self.start(), DVector::zeros(2));
         let at_sample = |k: u32| {
             let t = f64::from(k) * period;
-            state = self.later(t - period, period, state.clone(), Some(&held));
-            held = self.sampled_barrier(t, &state.0[0], f64::from(ahead) * period);
-            self.rates(t, &state, Some(&held)).1
+            state = self.later(t - period, period, state.clone(), Some(&sampled));
+            sampled = self.sampled_barrier(t, &state.0[0], f64::from(ahead) * period);
+            self.rates(t, &state, Some(&sampled)).1
         };
         (1..=count).map(at_sample).collect()
     }

@@ -104,7 +104,7 @@ pub struct Published {
 impl Published {
     fn estimate(&mut self, T: f64, x: &[f64], [before, u]: [&[f64]; 2], W_0: &[Vec<f64>]) -> Vec<f64> {
         let (n, m) = (x.len(), u.len());
-        let (E, reached) = held(&self.A_m, &self.directions, T);
+        let (E, reached) = zero_order_hold(&self.A_m, &self.directions, T);
         // B K_m x, in columns of B W_0.
         let fed = solve(W_0, &times(&self.K_m, before));
         let input: Vec<_> = (0..n).map(|j| self.sigma[j] + if j < m { u[j] + fed[j] } else { 0.0 }).collect();
@@ -118,7 +118,7 @@ impl Published {
 }
 
 /// A_d and L_d of x' = A x + B̄ σ over a time.
-pub fn held(A: &[Vec<f64>], directions: &[Vec<f64>], T: f64) -> (Matrix, Matrix) {
+pub fn zero_order_hold(A: &[Vec<f64>], directions: &[Vec<f64>], T: f64) -> (Matrix, Matrix) {
     let n = A.len();
     let unit = |j: usize| (0..n).map(|i| f64::from(u8::from(i == j))).collect::<Vec<_>>();
     let A_d: Vec<_> = (0..n).map(|j| flow(&unit(j), 0.0, T, FINE, &|_, x| times(A, x))).collect();
@@ -141,7 +141,7 @@ impl Law {
         filter: &dyn Fn(&Matrix) -> Filter,
     ) -> Self {
         let (n, m) = (A.len(), C.len());
-        let (A_d, L_d) = held(A, directions, T);
+        let (A_d, L_d) = zero_order_hold(A, directions, T);
         // B_d W_0⁻¹, column by column: W_0ᵀ (row of it)ᵀ = (row of B_d)ᵀ.
         let transposed = of_columns(W_0);
         let B_v: Matrix = L_d.iter().map(|row| solve(&transposed, &row[..m])).collect();

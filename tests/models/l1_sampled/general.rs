@@ -13,12 +13,12 @@ const UNMATCHED: &str = "L1SampledUnmatchedMimo";
 const FREE: f64 = f64::INFINITY;
 
 /// The description of an L1 unit of this package as that of a sampled law, with what its start keeps and these lines.
-fn sampled(name: &str, kept: &[&str], start: &str) -> String {
+fn sampled(name: &str, own_keys: &[&str], start: &str) -> String {
     let mut table: Table = description(name).parse().unwrap();
     table.insert("model".to_owned(), "l1-sampled".into());
     let old = table.remove("start").unwrap();
     let mut all: Table = start.parse().unwrap();
-    kept.iter().for_each(|key| drop(all.insert((*key).to_owned(), old[*key].clone())));
+    own_keys.iter().for_each(|key| drop(all.insert((*key).to_owned(), old[*key].clone())));
     table.insert("start".to_owned(), all.into());
     table.to_string()
 }

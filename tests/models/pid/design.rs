@@ -47,15 +47,15 @@ fn the_report_shows_what_a_sampled_output_leaves_of_the_derivative() {
         let start = format!("K_p = [1.0]\nK_d = [1.0]\nN = [{N:?}]");
         let found = findings(&start, H);
         let found = finding(&found, "sampled derivative").unwrap();
-        let Value::Number(kept) = found.value else { panic!("{found:?}") };
+        let Value::Number(part) = found.value else { panic!("{found:?}") };
         // A ramp of slope −1 that comes in steps, until all that happens repeats itself.
-        for (handling, kept) in [("hold", kept), ("interpolate", 1.0)] {
+        for (handling, part) in [("hold", part), ("interpolate", 1.0)] {
             let mut run = Run::of(&alone(1, &format!("{start}\ninput_handling = '{handling}'")));
             run.start();
             for k in 1..=200 {
                 run.set("y[1]", -f64::from(k) * H).step(H);
             }
-            assert!((run.get("D[1]") - kept).abs() < 1e-6, "{handling} {found:?}: {}", run.get("D[1]"));
+            assert!((run.get("D[1]") - part).abs() < 1e-6, "{handling} {found:?}: {}", run.get("D[1]"));
         }
         assert_eq!(found.verdict, verdict);
         assert_eq!(verdict == Verdict::Warning, found.note.contains("A step of 0.0043 s or less"), "{found:?}");

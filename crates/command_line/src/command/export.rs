@@ -127,8 +127,8 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let wanted = Wanted { content, results: !arguments.no_reference_results };
     let library = chosen(library)?;
     // A run needs the FMUs of its loop in the folder.
-    let whole_loops_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
-    let names = if *every || names.is_empty() && !whole_loops_only { all() } else { with_folders(names)? };
+    let composites_only = !(composite.is_empty() && ssp.is_empty()) && run.is_none();
+    let names = if *every || names.is_empty() && !composites_only { all() } else { with_folders(names)? };
     if arguments.firmware {
         return arguments.write_firmware(&names, &library);
     }

@@ -109,9 +109,9 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 
 /// A pair in a line.
 fn pair_line(record: &Record) -> String {
-    let held = record.conditions.as_ref().map_or("–".to_owned(), |conditions| {
-        let held = conditions.values().filter(|judged| judged.outcome.holds()).count();
-        format!("passes {held} of {} conditions", conditions.len())
+    let passed = record.conditions.as_ref().map_or("–".to_owned(), |conditions| {
+        let passed = conditions.values().filter(|judged| judged.outcome.holds()).count();
+        format!("passes {passed} of {} conditions", conditions.len())
     });
     let failed = record.spread.as_ref().map_or("–".to_owned(), |spread| {
         format!("{} of {} random plants fail", spread.failed(), spread.errors.len())
@@ -119,7 +119,7 @@ fn pair_line(record: &Record) -> String {
     let dead_time = record
         .margins
         .map_or("–".to_owned(), |margins| format!("dead-time margin {:.2} ms", 1e3 * margins.dead_time.value));
-    format!("{}/{}: {held}, {failed}, {dead_time}", record.plant, record.controller)
+    format!("{}/{}: {passed}, {failed}, {dead_time}", record.plant, record.controller)
 }
 
 impl League {

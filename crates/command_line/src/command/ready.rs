@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use adaptive_fmu::error::Error;
 use adaptive_fmu::fmu::Ready;
 
-static KEPT: Mutex<Option<Arc<Ready>>> = Mutex::new(None);
+static CACHED: Mutex<Option<Arc<Ready>>> = Mutex::new(None);
 /// Those that a command of many runs holds until its end.
-static HELD: Mutex<Weak<Ready>> = Mutex::new(Weak::new());
+static IN_USE: Mutex<Weak<Ready>> = Mutex::new(Weak::new());
 
 /// Starts caching. If no FMU can be generated, each command reports the reason itself.
 pub fn keep() {
-    *KEPT.lock().unwrap_or_else(PoisonError::into_inner) = Ready::new().ok().map(Arc::new);
+    *CACHED.lock().unwrap_or_else(PoisonError::into_inner) = Ready::new().ok().map(Arc::new);
 }
 
 /// Returns the cached ones, or a place for those of this command.
@@ -19,24 +19,24 @@ pub fn keep() {
 /// # Errors
 /// Their library is missing, or no temporary folder can be created.
 pub fn units() -> Result<Arc<Ready>, Error> {
-    if let Some(kept) = kept() {
-        return Ok(kept);
+    if let Some(cached) = cached() {
+        return Ok(cached);
     }
-    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(held) = held.upgrade() {
-        return Ok(held);
+    let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(in_use) = in_use.upgrade() {
+        return Ok(in_use);
     }
     let units = Arc::new(Ready::new()?);
-    *held = Arc::downgrade(&units);
+    *in_use = Arc::downgrade(&units);
     Ok(units)
 }
 
 /// Returns the cached ones.
-pub fn kept() -> Option<Arc<Ready>> {
-    KEPT.lock().unwrap_or_else(PoisonError::into_inner).clone()
+pub fn cached() -> Option<Arc<Ready>> {
+    CACHED.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
 /// Removes them.
 pub fn forget() {
-    KEPT.lock().unwrap_or_else(PoisonError::into_inner).take();
+    CACHED.lock().unwrap_or_else(PoisonError::into_inner).take();
 }

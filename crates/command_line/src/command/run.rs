@@ -280,8 +280,8 @@ pub fn simulated(
 fn print(done: &Run, json: bool, further: Option<(&str, Value)>) -> Result<(), String> {
     let Run { structure, recording, measured, folder, .. } = done;
     if let Some(shortfall) = done.report().shortfall() {
-        let kept = folder.as_ref().map(|folder| format!("; results until then are in {}", folder.display()));
-        error_line!("the run {shortfall}{}", kept.unwrap_or_default());
+        let place = folder.as_ref().map(|folder| format!("; results until then are in {}", folder.display()));
+        error_line!("the run {shortfall}{}", place.unwrap_or_default());
     }
     if json {
         let mut output = done.to_json();

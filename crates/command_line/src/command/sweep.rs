@@ -130,22 +130,22 @@ impl Task {
     fn run(&self, known: Vec<Option<Point>>, file: &Path, bars: &Bars) -> Result<Vec<Option<Point>>, Error> {
         let (runs, done) = (self.sweep.runs(), known.iter().flatten().count());
         let counter = Counter::new(bars, &self.sweep.structure().name, runs, done);
-        let kept = Mutex::new((known.clone(), Instant::now(), Ok(())));
+        let saved = Mutex::new((known.clone(), Instant::now(), Ok(())));
         let note = |run: usize, point: &Point| {
-            let mut kept = kept.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            kept.0[run] = Some(point.clone());
+            let mut saved = saved.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            saved.0[run] = Some(point.clone());
             let begun = Instant::now();
-            if kept.1 <= begun {
-                let written = self.keep(&kept.0, file);
+            if saved.1 <= begun {
+                let written = self.keep(&saved.0, file);
                 // A large sweep takes long to write: then it is written less often.
-                kept.1 = Instant::now() + REST.max(20 * begun.elapsed());
-                kept.2 = written;
+                saved.1 = Instant::now() + REST.max(20 * begun.elapsed());
+                saved.2 = written;
             }
             counter.count(if point.failure.is_some() { "one run failed" } else { "last run complete" });
         };
         let points = self.sweep.run(&known, note, progress::is_interrupted);
         counter.clear();
-        let (_, _, written) = kept.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let (_, _, written) = saved.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         written?;
         self.keep(&points, file)?;
         Ok(points)

@@ -34,7 +34,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
     let (errors, warnings) = (report.findings.count(Severity::Error), report.findings.count(Severity::Warning));
     if arguments.json {
         let output = json!({ "sound": report.is_sound(), "errors": errors, "warnings": warnings,
-                           "findings": report.findings.kept(), "run": ran(&report.trial), "experiments": report.replayed });
+                           "findings": report.findings.listed(), "run": ran(&report.trial), "experiments": report.replayed });
         print_line!("{output}");
     } else {
         print(&arguments.fmu.display().to_string(), &report, errors, warnings);
@@ -43,10 +43,10 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
 }
 
 fn print(fmu: &str, report: &Report, errors: usize, warnings: usize) {
-    let kept = report.findings.kept();
-    kept.iter().for_each(|finding| print_line!("{finding}"));
-    if errors + warnings > kept.len() {
-        print_line!("… and {} more", errors + warnings - kept.len());
+    let listed = report.findings.listed();
+    listed.iter().for_each(|finding| print_line!("{finding}"));
+    if errors + warnings > listed.len() {
+        print_line!("… and {} more", errors + warnings - listed.len());
     }
     for Replayed { experiment, tolerance, outputs } in &report.replayed {
         let allowed = tolerance.map_or(String::new(), |tolerance| format!(" of {tolerance:e} allowed"));

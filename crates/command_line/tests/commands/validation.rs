@@ -76,7 +76,7 @@ fn findings_of(xml: &str) -> Vec<Finding> {
     });
     let report = validate(&file, None).unwrap();
     let about = |finding: &&Finding| !finding.what.contains("binaries/");
-    report.findings.kept().iter().filter(about).cloned().collect()
+    report.findings.listed().iter().filter(about).cloned().collect()
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn nothing_is_found_in_any_unit_of_this_package() {
     assert_eq!(files.len(), exporter::descriptions().len());
     for file in files {
         let Report { findings, trial, .. } = validate(&file, Some(&Hosting::InProcess)).unwrap();
-        assert!(findings.kept().is_empty(), "{}: {:#?}", file.display(), findings.kept());
+        assert!(findings.listed().is_empty(), "{}: {:#?}", file.display(), findings.listed());
         assert!(matches!(trial, Trial::Ran(steps) if steps > 0), "{}: {trial:?}", file.display());
     }
 }
@@ -105,7 +105,7 @@ fn nothing_is_found_in_a_composite_or_in_a_unit_with_names_of_its_own() {
     assert_eq!(files.len(), 4);
     for file in files {
         let Report { findings, trial, .. } = validate(&file, Some(&Hosting::InProcess)).unwrap();
-        assert!(findings.kept().is_empty(), "{}: {:#?}", file.display(), findings.kept());
+        assert!(findings.listed().is_empty(), "{}: {:#?}", file.display(), findings.listed());
         assert!(matches!(trial, Trial::Ran(steps) if steps > 0));
     }
 }
@@ -323,7 +323,7 @@ fn a_file_that_is_no_xml_is_a_finding_and_one_that_is_no_archive_an_error() {
 }
 
 fn found_in(file: &Path) -> Vec<String> {
-    validate(file, Some(&Hosting::InProcess)).unwrap().findings.kept().iter().map(ToString::to_string).collect()
+    validate(file, Some(&Hosting::InProcess)).unwrap().findings.listed().iter().map(ToString::to_string).collect()
 }
 
 #[test]

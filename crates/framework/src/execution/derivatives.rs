@@ -92,7 +92,7 @@ impl Execution {
     pub fn time_derivatives(&mut self) -> &[f64] {
         self.place_derivation();
         let (variables, controls) = (self.model.variables(), self.model.controls());
-        let kept = self.kept(controls.last_integer_inputs, Section::Input);
+        let in_force = self.copied_integers(controls.last_integer_inputs, Section::Input);
         let Derivation { block, changes, .. } = &mut self.derivation;
         let rates = &self.block.reals[variables.reals(Section::Derivative)];
         changes[variables.reals(Section::State)].copy_from_slice(rates);
@@ -103,7 +103,7 @@ impl Execution {
             block.reals[inputs.clone()].copy_from_slice(&values[last_inputs]);
             changes[inputs].copy_from_slice(&values[slopes]);
         }
-        block.integers.copy_within(kept, variables.integers(Section::Input).start);
+        block.integers.copy_within(in_force, variables.integers(Section::Input).start);
         self.along(Model::direction, 1.0)
     }
 
@@ -112,7 +112,7 @@ impl Execution {
         let (variables, controls) = (self.model.variables(), self.model.controls());
         let valid_integers = self.valid_integers();
         let inputs_wait = self.values().get(controls.integer_inputs_wait);
-        let inputs_in_force = inputs_wait.then(|| self.kept(controls.last_integer_inputs, Section::Input));
+        let inputs_in_force = inputs_wait.then(|| self.copied_integers(controls.last_integer_inputs, Section::Input));
         let Derivation { block, changes, .. } = &mut self.derivation;
         changes.clear();
         changes.resize(self.block.reals.len(), 0.0);

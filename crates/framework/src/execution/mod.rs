@@ -295,20 +295,20 @@ impl Execution {
     }
 
     /// Place of a section's copied integers in the memory.
-    fn kept(&self, first: usize, section: Section) -> std::ops::Range<usize> {
+    fn copied_integers(&self, first: usize, section: Section) -> std::ops::Range<usize> {
         let start = self.model.variables().integers(Section::Memory).start + first;
         start..start + self.model.variables().integers(section).len()
     }
 
     fn valid_integers(&self) -> std::ops::Range<usize> {
-        self.kept(self.model.controls().valid_integers, Section::Parameter)
+        self.copied_integers(self.model.controls().valid_integers, Section::Parameter)
     }
 
     /// Place in the block of the real parameters of the last valid set.
     fn valid_reals(&self) -> Option<std::ops::Range<usize>> {
         let memory = self.model.variables().reals(Section::Memory).start;
-        let kept = self.model.controls().valid_reals?.span().range();
-        Some(memory + kept.start..memory + kept.end)
+        let span = self.model.controls().valid_reals?.span().range();
+        Some(memory + span.start..memory + span.end)
     }
 
     /// True if any parameter is another than in the last valid set.
@@ -388,7 +388,7 @@ impl Execution {
         self.recall_indicators(workspace);
         let Workspace { driver, ramp_values, ramp_slopes, .. } = workspace;
         let ramp = Ramp { values: ramp_values, slopes: ramp_slopes, time: t0 };
-        let mut problem = Problem { ramp, held: !ramped, moved: ramped || moved, ..self.problem() };
+        let mut problem = Problem { ramp, constant_inputs: !ramped, moved: ramped || moved, ..self.problem() };
         driver.advance(&mut problem, t0, t1, &settings, &mut next)?;
         self.keep_indicators(workspace);
         self.keep_integer_inputs();
@@ -424,8 +424,8 @@ impl Execution {
 
     fn keep_integer_inputs(&mut self) {
         let inputs = self.model.variables().integers(Section::Input);
-        let kept = self.kept(self.model.controls().last_integer_inputs, Section::Input);
-        self.block.integers.copy_within(inputs, kept.start);
+        let in_force = self.copied_integers(self.model.controls().last_integer_inputs, Section::Input);
+        self.block.integers.copy_within(inputs, in_force.start);
     }
 
     /// The system at the present point, with constant inputs.
@@ -437,7 +437,7 @@ impl Execution {
             reals: &mut self.block.reals,
             integers: &mut self.block.integers,
             ramp: Ramp { values: &[], slopes: &[], time: 0.0 },
-            held: true,
+            constant_inputs: true,
             moved: false,
             log: &mut self.log,
             kernel: self.kernel.as_ref(),

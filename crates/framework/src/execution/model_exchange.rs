@@ -55,7 +55,7 @@ impl Execution {
         }
         self.block.integers[place] = value;
         let inputs = self.model.variables().integers(Section::Input);
-        let in_force = self.kept(self.model.controls().last_integer_inputs, Section::Input);
+        let in_force = self.copied_integers(self.model.controls().last_integer_inputs, Section::Input);
         let differ = self.block.integers[inputs] != self.block.integers[in_force];
         self.point().put(waits, differ);
     }
@@ -161,21 +161,21 @@ impl Execution {
 
     fn swap_integer_inputs(&mut self) {
         let set = self.model.variables().integers(Section::Input);
-        let kept = self.kept(self.model.controls().last_integer_inputs, Section::Input);
-        let (before, after) = self.block.integers.split_at_mut(kept.start);
-        before[set].swap_with_slice(&mut after[..kept.len()]);
+        let in_force = self.copied_integers(self.model.controls().last_integer_inputs, Section::Input);
+        let (before, after) = self.block.integers.split_at_mut(in_force.start);
+        before[set].swap_with_slice(&mut after[..in_force.len()]);
     }
 
     fn swap_parameters(&mut self) {
         let (variables, controls) = (self.model.variables(), self.model.controls());
         if let Some(valid) = controls.valid_reals {
-            let (set, kept) = (variables.reals(Section::Parameter), variables.reals(Section::Memory).start);
-            let (before, memory) = self.block.reals.split_at_mut(kept);
+            let (set, in_force) = (variables.reals(Section::Parameter), variables.reals(Section::Memory).start);
+            let (before, memory) = self.block.reals.split_at_mut(in_force);
             before[set].swap_with_slice(&mut memory[valid.span().range()]);
         }
-        let (set, kept) = (variables.integers(Section::Parameter), self.valid_integers());
-        let (before, after) = self.block.integers.split_at_mut(kept.start);
-        before[set].swap_with_slice(&mut after[..kept.len()]);
+        let (set, in_force) = (variables.integers(Section::Parameter), self.valid_integers());
+        let (before, after) = self.block.integers.split_at_mut(in_force.start);
+        before[set].swap_with_slice(&mut after[..in_force.len()]);
     }
 
     /// Takes over the parameters that were set, all or none, and handles the events that the present time, states and
@@ -285,12 +285,12 @@ impl Execution {
     }
 
     /// True if the equations give other values than those stored.
-    fn equations_differ(&self, kept: &Workspace) -> bool {
+    fn equations_differ(&self, before_step: &Workspace) -> bool {
         let variables = self.model.variables();
-        let before = Values::new(&kept.reals, &kept.integers, variables.offsets());
+        let before = Values::new(&before_step.reals, &before_step.integers, variables.offsets());
         let next = |values: &Values<f64>| self.model.equations().next_time_event(values);
         let sections = [Section::State, Section::Signal, Section::Derivative].map(|section| variables.reals(section));
-        sections.into_iter().any(|range| self.block.reals[range.clone()] != kept.reals[range])
+        sections.into_iter().any(|range| self.block.reals[range.clone()] != before_step.reals[range])
             || next(&self.values()) != next(&before)
     }
 

@@ -49,8 +49,8 @@ impl Settled {
 
     /// The value of what is given to equations, where it is known.
     pub fn known(&self, leaf: Leaf) -> Option<f64> {
-        fn value<T: Copy>(kept: &[(u32, T)], place: u32) -> Option<T> {
-            kept.binary_search_by_key(&place, |(place, _)| *place).ok().map(|found| kept[found].1)
+        fn value<T: Copy>(stored: &[(u32, T)], place: u32) -> Option<T> {
+            stored.binary_search_by_key(&place, |(place, _)| *place).ok().map(|found| stored[found].1)
         }
         match leaf {
             Leaf::Real(place) => value(&self.reals, place).map(f64::from_bits),

@@ -27,8 +27,8 @@ impl Execution {
         let (inputs, memory) = (variables.reals(Section::Input), variables.reals(Section::Memory).start);
         // Those before the start are none that inputs could come from.
         let previous = controls.previous_inputs.filter(|_| !self.values().get(controls.started));
-        for kept in [previous, controls.last_inputs].into_iter().flatten() {
-            self.block.reals.copy_within(inputs.clone(), memory + kept.span().range().start);
+        for copy in [previous, controls.last_inputs].into_iter().flatten() {
+            self.block.reals.copy_within(inputs.clone(), memory + copy.span().range().start);
         }
         let (started, slopes) = (controls.started, controls.slopes);
         let mut point = self.block.point(&self.model, &mut self.log);

@@ -16,9 +16,9 @@ pub const HELD: &str = "data:,";
 /// What is wrong with the location, or that the file can't be read.
 pub fn description(location: Option<&[u8]>) -> Result<(PathBuf, String), String> {
     if cfg!(target_family = "wasm")
-        && let Some(held) = location.and_then(|location| location.strip_prefix(HELD.as_bytes()))
+        && let Some(encoded) = location.and_then(|location| location.strip_prefix(HELD.as_bytes()))
     {
-        let text = String::from_utf8(percent_decoded(held)?).map_err(|error| format!("{DESCRIPTION}: {error}"))?;
+        let text = String::from_utf8(percent_decoded(encoded)?).map_err(|error| format!("{DESCRIPTION}: {error}"))?;
         return Ok((PathBuf::from(DESCRIPTION), text));
     }
     let file = folder(location)?.join(DESCRIPTION);

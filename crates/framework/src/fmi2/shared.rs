@@ -42,16 +42,16 @@ struct Known {
 struct Units {
     known: Vec<Known>,
     /// Those that stay though none of their instances is alive, the latest last.
-    kept: Vec<Arc<Shared>>,
+    cached: Vec<Arc<Shared>>,
 }
 
-static UNITS: Mutex<Units> = Mutex::new(Units { known: Vec::new(), kept: Vec::new() });
+static UNITS: Mutex<Units> = Mutex::new(Units { known: Vec::new(), cached: Vec::new() });
 
 /// Number of units that stay without an instance. Searches and sweeps create and free instances of the same few again
 /// and again, and reading a description, designing and recording its unit takes many times as long as creating an
 /// instance. Units stay only where they can be released before the host unloads the library, or where it is never
 /// unloaded, as in a browser.
-const MOST_KEPT: usize = if cfg!(any(target_os = "linux", target_family = "wasm")) { 8 } else { 0 };
+const MOST_CACHED: usize = if cfg!(any(target_os = "linux", target_family = "wasm")) { 8 } else { 0 };
 
 impl Shared {
     /// The unit of a description, which is in a file. Instances share it by the description's text, not by its place.
@@ -136,8 +136,8 @@ impl Units {
     fn take_in(&mut self, known: Known, unit: &Arc<Shared>) -> Vec<Arc<Shared>> {
         self.forget_the_dead();
         self.known.push(known);
-        self.kept.extend((MOST_KEPT > 0).then(|| Arc::clone(unit)));
-        self.kept.drain(..self.kept.len().saturating_sub(MOST_KEPT)).collect()
+        self.cached.extend((MOST_CACHED > 0).then(|| Arc::clone(unit)));
+        self.cached.drain(..self.cached.len().saturating_sub(MOST_CACHED)).collect()
     }
 
     fn forget_the_dead(&mut self) {
@@ -168,8 +168,8 @@ fn units() -> std::sync::MutexGuard<'static, Units> {
 static LEAVE: extern "C" fn() = {
     extern "C" fn leave() {
         // A thread that holds them when the host ends may never be done.
-        let kept = UNITS.try_lock().map(|mut units| std::mem::take(&mut units.kept));
-        drop(kept);
+        let cached = UNITS.try_lock().map(|mut units| std::mem::take(&mut units.cached));
+        drop(cached);
     }
     leave
 };

@@ -20,7 +20,7 @@ use super::{OneStepMethod, Problem, Start, Tolerance};
 use crate::system::ErrorEstimate;
 
 /// Number of stored derivatives: those of stages 1 and 4 to 12. Those of stages 2 and 3 are soon needed no more.
-const KEPT: usize = 10;
+const STORED: usize = 10;
 
 /// Nodes of stages 2 to 12, in parts of the step.
 const NODES: [f64; 11] = [
@@ -95,7 +95,7 @@ const A12: [f64; 9] = [
     0.6433927460157636,
 ];
 /// Weights in the solution.
-const B: [f64; KEPT] = [
+const B: [f64; STORED] = [
     0.054293734116568765,
     0.0,
     0.0,
@@ -108,7 +108,7 @@ const B: [f64; KEPT] = [
     0.04471061572777259,
 ];
 /// Weights in the difference from the solution of order 5.
-const E5: [f64; KEPT] = [
+const E5: [f64; STORED] = [
     0.01312004499419488,
     0.0,
     0.0,
@@ -121,7 +121,7 @@ const E5: [f64; KEPT] = [
     -0.022355307863886294,
 ];
 /// Weights in the difference from the solution of order 3.
-const E3: [f64; KEPT] = [
+const E3: [f64; STORED] = [
     -0.18980075407240762,
     0.0,
     0.0,
@@ -134,7 +134,7 @@ const E3: [f64; KEPT] = [
     0.02265179219836082,
 ];
 /// The divided difference, in units in which it sees a kink about as well as the difference from order 5.
-const DIVIDED: [f64; KEPT] = [
+const DIVIDED: [f64; STORED] = [
     UNIT * -455.0 / 18.0,
     0.0,
     0.0,
@@ -182,14 +182,14 @@ pub fn stability(z: Complex<f64>) -> Complex<f64> {
 #[derive(Debug)]
 pub struct Dop853 {
     /// Derivatives at the stages, one row a state: what is summed lies together.
-    k: Vec<[f64; KEPT]>,
+    k: Vec<[f64; STORED]>,
     errors: Vec<f64>,
 }
 
 impl Dop853 {
     /// A workspace for this number of states.
     pub fn new(states: usize) -> Self {
-        Dop853 { k: vec![[0.0; KEPT]; states], errors: vec![0.0; states] }
+        Dop853 { k: vec![[0.0; STORED]; states], errors: vec![0.0; states] }
     }
 
     /// Evaluates the next stage at node c, and keeps the derivatives of the one before, which the problem holds, at
@@ -231,9 +231,9 @@ impl OneStepMethod for Dop853 {
         self.stage::<6, 7>(problem, start, h, NODES[8], &A10);
         self.stage::<7, 8>(problem, start, h, NODES[9], &A11);
         self.stage::<8, 9>(problem, start, h, NODES[10], &A12);
-        self.stage::<9, KEPT>(problem, start, h, 1.0, &B);
+        self.stage::<9, STORED>(problem, start, h, 1.0, &B);
         for (error, k) in self.errors.iter_mut().zip(&self.k) {
-            let of = |weights| h * sum(weights, k, k[KEPT - 1]);
+            let of = |weights| h * sum(weights, k, k[STORED - 1]);
             let (seen, divided, of_3) = (of(&E5), of(&DIVIDED), of(&E3));
             *error = combined(if divided.abs() > seen.abs() { divided } else { seen }, of_3);
         }
@@ -251,13 +251,13 @@ mod tests {
     use super::*;
 
     /// Nodes of the stages whose derivatives are stored.
-    fn nodes() -> [f64; KEPT] {
-        let mut nodes = [0.0; KEPT];
+    fn nodes() -> [f64; STORED] {
+        let mut nodes = [0.0; STORED];
         nodes[1..].copy_from_slice(&NODES[2..]);
         nodes
     }
 
-    fn weighted(weights: &[f64; KEPT], rates: impl Fn(f64) -> f64) -> f64 {
+    fn weighted(weights: &[f64; STORED], rates: impl Fn(f64) -> f64) -> f64 {
         nodes().iter().zip(weights).map(|(&c, weight)| weight * rates(c)).sum()
     }
 

@@ -98,7 +98,7 @@ fn evaluated(variables: &Variables) -> Range<usize> {
 
 /// Weighted sum of N stages, of which the last is `newest`: it is added last, since the others are known before it.
 #[inline]
-pub(super) fn sum<const N: usize, const KEPT: usize>(weights: &[f64; N], k: &[f64; KEPT], newest: f64) -> f64 {
+pub(super) fn sum<const N: usize, const STORED: usize>(weights: &[f64; N], k: &[f64; STORED], newest: f64) -> f64 {
     let mut sum = 0.0;
     for j in 0..N - 1 {
         sum += weights[j] * k[j];

@@ -112,8 +112,8 @@ impl Elimination {
         let n = self.inverse.len();
         let (above, rest) = self.a.split_at_mut(i * n);
         let row = &mut rest[..n];
-        let held = row[i].abs();
-        let mut sum = held;
+        let size = row[i].abs();
+        let mut sum = size;
         for &k in &pattern.left[i] {
             let k = k as usize;
             let source = &above[k * n..][..n];
@@ -123,7 +123,7 @@ impl Elimination {
             pattern.right[k].iter().for_each(|&j| row[j as usize] -= factor * source[j as usize]);
         }
         self.inverse[i] = row[i].recip();
-        sum.is_finite() && row[i].abs() > LOST * sum && held > LOST * sum
+        sum.is_finite() && row[i].abs() > LOST * sum && size > LOST * sum
     }
 
     /// Replaces b by the solution x of A x = b.

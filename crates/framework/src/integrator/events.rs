@@ -155,17 +155,17 @@ impl Driver {
 
     /// State of the event indicators, stored in the instance's block between calls.
     pub fn indicators(&self) -> &[f64] {
-        &self.indicators.kept
+        &self.indicators.stored
     }
 
     /// Takes over what is known of the event indicators.
-    pub fn set_indicators(&mut self, kept: &[f64]) {
-        self.indicators.kept.copy_from_slice(kept);
+    pub fn set_indicators(&mut self, stored: &[f64]) {
+        self.indicators.stored.copy_from_slice(stored);
     }
 
     /// Length of that state for a number of event indicators.
-    pub const fn kept_of(indicators: usize) -> usize {
-        Indicators::kept(indicators)
+    pub const fn stored_of(indicators: usize) -> usize {
+        Indicators::stored_len(indicators)
     }
 
     /// Handles events that are due at t, before anything is integrated.
@@ -174,7 +174,7 @@ impl Driver {
     /// When they don't end.
     pub fn settle(&mut self, problem: &mut Problem, t: f64, settings: &Settings) -> Result<(), StepError> {
         // Nothing was known before, so nothing has crossed.
-        self.indicators.kept.fill(0.0);
+        self.indicators.stored.fill(0.0);
         self.events_at(problem, (t, 0.0), settings).map(|_| ())
     }
 
@@ -277,10 +277,10 @@ impl Driver {
         }
         known.swap_discrete(problem);
         problem.evaluate(t);
-        let held = problem.rates() != self.start.rates;
+        let has_changed = problem.rates() != self.start.rates;
         known.swap_discrete(problem);
         problem.evaluate(t);
-        for i in (0..known.after.len()).filter(|_| !held) {
+        for i in (0..known.after.len()).filter(|_| !has_changed) {
             if stopped(known, i) {
                 known.stay(i);
             }

@@ -22,7 +22,7 @@ pub(super) struct Indicators {
     /// Five vectors over the indicators, one after the other: the last known value (its sign is the side), the
     /// overshoot, the time of the last event, the number of events close together, and the number of all events. They
     /// are in the instance's block between calls.
-    pub kept: Vec<f64>,
+    pub stored: Vec<f64>,
     /// Values where a substep ends, and between.
     pub after: Vec<f64>,
     pub between: Vec<f64>,
@@ -50,17 +50,17 @@ pub(super) struct Indicators {
 }
 
 impl Indicators {
-    const KEPT: usize = 5;
+    const STORED_VECTORS: usize = 5;
 
     /// Length of the stored state.
-    pub const fn kept(indicators: usize) -> usize {
-        Self::KEPT * indicators
+    pub const fn stored_len(indicators: usize) -> usize {
+        Self::STORED_VECTORS * indicators
     }
 
     pub fn new(indicators: usize, variables: &Variables) -> Self {
         let values = vec![0.0; indicators];
         Indicators {
-            kept: vec![0.0; Self::kept(indicators)],
+            stored: vec![0.0; Self::stored_len(indicators)],
             after: values.clone(),
             between: values.clone(),
             crossed: vec![false; indicators],
@@ -84,7 +84,7 @@ impl Indicators {
     }
 
     pub fn of(&self, which: usize) -> &[f64] {
-        &self.kept[which * self.after.len()..][..self.after.len()]
+        &self.stored[which * self.after.len()..][..self.after.len()]
     }
 
     pub fn sides(&self) -> &[f64] {
@@ -97,7 +97,7 @@ impl Indicators {
 
     /// One stored number of indicator i.
     pub fn at(&mut self, which: usize, i: usize) -> &mut f64 {
-        &mut self.kept[which * self.after.len() + i]
+        &mut self.stored[which * self.after.len() + i]
     }
 
     pub fn has_left(&self, i: usize, value: f64) -> bool {
@@ -105,8 +105,8 @@ impl Indicators {
     }
 
     pub fn any_left(&self, values: &[f64]) -> bool {
-        let kept = self.sides().iter().zip(self.overshoots());
-        kept.zip(values).any(|((&side, &overshoot), &value)| crossed(side, overshoot, value))
+        let stored = self.sides().iter().zip(self.overshoots());
+        stored.zip(values).any(|((&side, &overshoot), &value)| crossed(side, overshoot, value))
     }
 
     /// Takes over the values in `after` of those that are on their sides.
@@ -178,7 +178,7 @@ impl Indicators {
                 *self.at(4, i) += 1.0;
             }
         }
-        let close = &self.kept[3 * self.after.len()..][..self.after.len()];
+        let close = &self.stored[3 * self.after.len()..][..self.after.len()];
         self.crossed.iter().zip(close).position(|(&crossed, &close)| crossed && close > MOST_CLOSE)
     }
 

@@ -78,7 +78,7 @@ impl Jacobian {
 
     /// Evaluates both by compiled equations. Returns false if there are none.
     fn evaluate_by_kernel(&mut self, problem: &Problem, t: f64) -> bool {
-        let slopes = (!problem.held).then_some(problem.ramp.slopes);
+        let slopes = (!problem.constant_inputs).then_some(problem.ramp.slopes);
         let block = (&*problem.reals, &*problem.integers);
         let by = |kernel: &Kernel| kernel.jacobian(t, block, slopes, &mut self.entries, &mut self.by_time);
         problem.kernel.is_some_and(by)
@@ -89,7 +89,7 @@ impl Jacobian {
             Leaf::Time => t,
             Leaf::Real(place) => problem.reals[place as usize],
             Leaf::Integer(place) => f64::from(problem.integers[place as usize]),
-            Leaf::Slope(input) if !problem.held => problem.ramp.slopes[input as usize],
+            Leaf::Slope(input) if !problem.constant_inputs => problem.ramp.slopes[input as usize],
             _ => 0.0,
         };
         let differentiator = self.sparsity.differentiator(problem.system, problem.variables);

@@ -148,7 +148,7 @@ pub struct Problem<'a> {
     /// Change of the inputs.
     pub ramp: Ramp<'a>,
     /// True if inputs are constant (zero-order hold).
-    pub held: bool,
+    pub constant_inputs: bool,
     /// True if inputs change within the communication step, or since the one before.
     pub moved: bool,
     /// Destination of messages.
@@ -193,7 +193,7 @@ impl<'a> Problem<'a> {
     /// Brings inputs to time t.
     #[inline]
     fn follow_ramp(&mut self, t: f64) {
-        if !self.held {
+        if !self.constant_inputs {
             let ramp = self.ramp;
             let inputs = &mut self.reals[self.variables.reals(Section::Input)];
             for ((input, value), slope) in inputs.iter_mut().zip(ramp.values).zip(ramp.slopes) {

@@ -12,8 +12,8 @@ impl Model {
         for element in variables.iter().filter(|v| !v.is_real()).flat_map(Variable::elements) {
             ranges[variables.index(element)] = element.variable.data.integers();
         }
-        for (section, kept) in self.controls.kept_integers(variables) {
-            ranges.copy_within(variables.integers(section), kept);
+        for (section, copy) in self.controls.copied_integers(variables) {
+            ranges.copy_within(variables.integers(section), copy);
         }
         ranges
     }

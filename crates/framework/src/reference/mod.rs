@@ -105,15 +105,15 @@ impl ReferenceExperiment {
         if rows.len() < FEWEST {
             return Err("its outputs jump too often".to_owned().into());
         }
-        let kept = |all: &[Vec<f64>]| rows.iter().map(|row| all[*row].clone()).collect::<Vec<_>>();
-        let references = kept(&exact.rows);
-        let (sensitivity, _) = deviation(&kept(&trajectory(model, plan, changed)?.rows), &references);
+        let of_rows = |all: &[Vec<f64>]| rows.iter().map(|row| all[*row].clone()).collect::<Vec<_>>();
+        let references = of_rows(&exact.rows);
+        let (sensitivity, _) = deviation(&of_rows(&trajectory(model, plan, changed)?.rows), &references);
         let tolerance = rounded_up((PER_CHANGE * sensitivity).max(ALLOWED));
         if tolerance.is_nan() || tolerance > MOST_ALLOWED {
             let times = rounded(sensitivity / CHANGE, 1);
             return Err(format!("its results change by {times:e} times what its start is changed by").into());
         }
-        let (off, (row, column)) = deviation(&kept(&own), &references);
+        let (off, (row, column)) = deviation(&of_rows(&own), &references);
         if off.is_nan() || off > tolerance {
             let (output, time) = (&plan.outputs[column].name, plan.time(plan.rows[rows[row]]));
             let (off, more) = (rounded(off, 2), format!("more than the {tolerance:e} that its sensitivity explains"));

@@ -20,11 +20,11 @@ fn count() {
 }
 
 fn hold(bytes: usize) {
-    BYTES.with(|held| held.set(held.get() + bytes as isize));
+    BYTES.with(|count| count.set(count.get() + bytes as isize));
 }
 
 fn release(bytes: usize) {
-    BYTES.with(|held| held.set(held.get() - bytes as isize));
+    BYTES.with(|count| count.set(count.get() - bytes as isize));
 }
 
 unsafe impl GlobalAlloc for Counting {

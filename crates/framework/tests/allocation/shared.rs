@@ -60,22 +60,22 @@ fn a_further_instance_holds_little_more_than_its_values() {
             (component, BYTES.get() - before)
         };
         // The second brings what those behind it work with, too.
-        let [(first, _), (second, shared), (third, held)] = [make(), make(), make()];
+        let [(first, _), (second, shared), (third, bytes)] = [make(), make(), make()];
         let states = model.variables().reals(Section::State).len() as isize;
         let (values, integers) = (model.start().reals.len() as isize, model.start().integers.len() as isize);
         let own = OVERHEAD + 8 * values + 4 * integers;
         let with_shared = own + 8 * (COPIES * values + VECTORS * states + MATRICES * states * states);
         println!(
-            "{name:28} {states:4} states {values:5} values {held:6} bytes of {own:6}, {shared:8} of {with_shared:8}"
+            "{name:28} {states:4} states {values:5} values {bytes:6} bytes of {own:6}, {shared:8} of {with_shared:8}"
         );
-        assert!(held > 8 * values && held <= own.min(MOST), "{name}: {held} bytes");
+        assert!(bytes > 8 * values && bytes <= own.min(MOST), "{name}: {bytes} bytes");
         assert!(shared <= with_shared, "{name}: {shared} bytes with what is shared");
         [first, second, third].into_iter().for_each(|component| unsafe { fmi2FreeInstance(component) });
     }
 }
 
 /// The most allocations in the lifetime of an instance, if its FMU has been in use.
-const OF_A_LIFE: usize = 100;
+const OF_A_LIFETIME: usize = 100;
 
 #[test]
 fn a_unit_that_was_in_use_is_not_made_anew() {
@@ -84,7 +84,7 @@ fn a_unit_that_was_in_use_is_not_made_anew() {
     for name in description_names() {
         let folder = tempfile::tempdir().unwrap();
         let request = request(&name, folder.path());
-        let life = || {
+        let lifetime = || {
             let before = COUNT.get();
             let component = request.make(&callbacks);
             assert_eq!(interface::enter_initialization_mode(component), OK);
@@ -93,9 +93,9 @@ fn a_unit_that_was_in_use_is_not_made_anew() {
             COUNT.get() - before
         };
         // Units of other tests, which run at the same time, may take its place in between.
-        let counts: Vec<usize> = (0..10).map(|_| life()).collect();
+        let counts: Vec<usize> = (0..10).map(|_| lifetime()).collect();
         println!("{name:28} {counts:?}");
-        assert!(counts[1..].iter().any(|&count| count < OF_A_LIFE), "{name}: {counts:?}");
+        assert!(counts[1..].iter().any(|&count| count < OF_A_LIFETIME), "{name}: {counts:?}");
     }
 }
 

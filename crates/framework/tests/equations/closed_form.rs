@@ -146,7 +146,7 @@ fn it_follows_what_the_limits_leave_at_the_given_speed() {
 #[test]
 fn it_follows_what_the_limits_leave_where_the_control_shows_unmatched_uncertainty_at_once() {
     // The twin rotor's D(s) H_m⁻¹ H_um isn't strictly proper; at a constant state, its control goes to its limits.
-    let held = |run: &mut Run| {
+    let at_limit = |run: &mut Run| {
         for k in 0..100 {
             let t = 1e-3 * f64::from(k);
             (1..=6).for_each(|i| run.set(&format!("x[{i}]"), 0.05 * (3.0 * t + f64::from(i)).sin()));
@@ -159,9 +159,9 @@ fn it_follows_what_the_limits_leave_where_the_control_shows_unmatched_uncertaint
     assert_eq!(at_once, adaptive_fmu::system::Section::Signal, "u_ad is more than the filter's state");
     for time in ["[-1.0, -1.0]", "[0.01, 0.02]"] {
         let limits = "u_min = [-0.2, -0.1]\nu_max = [0.3, 0.1]\ninput_handling = 'extrapolate'";
-        assert_shrinks(held, "L1TwinRotor", "", &format!("{limits}\ntracking_time = {time}"));
+        assert_shrinks(at_limit, "L1TwinRotor", "", &format!("{limits}\ntracking_time = {time}"));
         let [on, off] = [time, "[0.0, 0.0]"]
-            .map(|time| held(&mut controller("L1TwinRotor", "", &format!("{limits}\ntracking_time = {time}"))));
+            .map(|time| at_limit(&mut controller("L1TwinRotor", "", &format!("{limits}\ntracking_time = {time}"))));
         assert!(difference(&on, &off) > 1e-2, "{time}: it matters");
     }
 }

@@ -9,7 +9,7 @@ use adaptive_fmu::model::{Description, Model};
 use adaptive_fmu::structure::{LoopFiles, Structure, composite};
 use adaptive_fmu::system::*;
 use common::at_top;
-use common::loops::whole as whole_loop;
+use common::loops::whole as composite_text;
 use common::models::Run;
 
 /// x' = k (u − x), y = x + d u: feedthrough where d isn't 0.
@@ -227,18 +227,18 @@ fn a_tiny_difference_keeps_its_digits() {
 #[test]
 fn a_composite_of_this_package_starts_and_depends_as_declared() {
     for (name, _) in exporter::loops() {
-        let model = Model::from_description(Description::read(&whole_loop(name)).unwrap(), REGISTRY).unwrap();
+        let model = Model::from_description(Description::read(&composite_text(name)).unwrap(), REGISTRY).unwrap();
         let variables = model.variables();
         assert!(variables.find("controller.u[1]").is_some());
         // u_ad is what its filter holds, unless it is the state of that itself; other laws have estimates in the control.
         let names = ["filter_state[", "u_ad[", "theta_hat[", "theta_f["].map(|name| format!("controller.{name}"));
-        let is_held =
+        let is_constant =
             |e: &Element| e.variable.section == Section::State && names.iter().any(|name| e.name().starts_with(name));
-        let held: Vec<Place> = variables.visible().filter(is_held).map(|e| Place::of(variables, e)).collect();
+        let constant: Vec<Place> = variables.visible().filter(is_constant).map(|e| Place::of(variables, e)).collect();
         let dependence = model.structure();
         let moves = |rate: Element| {
             let on = dependence.running(Place::of(variables, rate));
-            rate.name().starts_with("der(plant.") && held.iter().any(|held| on.contains(held))
+            rate.name().starts_with("der(plant.") && constant.iter().any(|constant| on.contains(constant))
         };
         let mut rates = variables.visible().filter(|element| element.variable.section == Section::Derivative);
         assert!(rates.any(moves), "{name}: a derivative of the plant depends on the control's state");

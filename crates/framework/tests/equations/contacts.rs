@@ -113,11 +113,11 @@ fn a_cart_at_its_end_stop_is_not_pushed_through_later() {
 #[test]
 fn a_level_is_passed_a_wall_breaks_and_a_mass_is_taken_up_without_an_error() {
     // Events that change the speed, or other states, and let the motion through.
-    for (kept, taken_up) in [(1.0, 0.0), (0.5, 0.0), (1e-3, 0.0), (1.0, 2.0)] {
+    for (part, taken_up) in [(1.0, 0.0), (0.5, 0.0), (1e-3, 0.0), (1.0, 2.0)] {
         for step in [0.01_f64, 10.0] {
-            let mut run = Run::of::<Level>(&format!("kept = {kept}\ntaken_up = {taken_up}"), 0.0);
+            let mut run = Run::of::<Level>(&format!("kept = {part}\ntaken_up = {taken_up}"), 0.0);
             run.run((10.0 / step) as usize, step);
-            assert!((run.get("x") - (1.0 + 9.0 * kept)).abs() < 1e-6, "{kept}, {step}: {}", run.get("x"));
+            assert!((run.get("x") - (1.0 + 9.0 * part)).abs() < 1e-6, "{part}, {step}: {}", run.get("x"));
             assert_eq!((run.get("passed"), run.get("mass")), (1.0, 1.0 + taken_up));
         }
     }

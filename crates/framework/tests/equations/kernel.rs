@@ -12,7 +12,7 @@ use common::description;
 use common::random::Random;
 use common::sample::{sampled, sampled_names};
 
-use crate::recording::{Draw, same, whole_loops};
+use crate::recording::{Draw, composites, same};
 
 /// A compiled kernel, as the program makes it.
 fn compiled(model: &Model) -> jit::Compiled {
@@ -127,7 +127,7 @@ fn stiff_steps_by_kernels_have_the_bits_of_generic_ones() {
         compare_steps(Description::read(&description(name)).unwrap());
     }
     let wanted = ["Loop_3_3_1_case2", "Loop_3_4_2", "Loop_4_case1_fuzzy"];
-    whole_loops().into_iter().filter(|m| wanted.contains(&&*m.description().name)).for_each(|model| {
+    composites().into_iter().filter(|m| wanted.contains(&&*m.description().name)).for_each(|model| {
         compare_steps(model.description().clone());
     });
 }
@@ -145,7 +145,7 @@ fn the_kernels_of_all_units_give_the_bits_of_the_equations() {
 #[test]
 fn the_kernels_of_all_composites_give_the_bits_of_the_equations() {
     let mut random = Random::new(29);
-    sampled(whole_loops()).iter().for_each(|model| compare(model, 20, &mut random));
+    sampled(composites()).iter().for_each(|model| compare(model, 20, &mut random));
 }
 
 #[test]

@@ -14,7 +14,7 @@ use common::sample::{sampled, sampled_names};
 use common::{description, description_names};
 
 /// The loops of this package, each as a single FMU.
-pub fn whole_loops() -> Vec<Model> {
+pub fn composites() -> Vec<Model> {
     let model = |name: String| Model::from_description(Description::read(&whole(&name)).unwrap(), REGISTRY).unwrap();
     loop_names().into_iter().map(model).collect()
 }
@@ -287,7 +287,7 @@ fn recordings_of_all_units_give_the_bits_of_the_equations_in_every_branch() {
 #[test]
 fn recordings_of_all_composites_give_the_bits_of_the_equations() {
     let mut random = Random::new(25);
-    for model in sampled(whole_loops()) {
+    for model in sampled(composites()) {
         let (all, missed, _) = compare(&model, &mut random, (60, TRIES[1]));
         println!("{}: {missed} of {all} conditions went one way only", model.description().name);
     }
@@ -328,7 +328,7 @@ fn equations_that_look_at_a_number_are_refused_by_name() {
 fn no_equations_of_this_package_look_at_a_number() {
     let units = description_names().into_iter().map(|name| description(&name));
     let units = units.map(|text| Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap());
-    for model in units.chain(whole_loops()) {
+    for model in units.chain(composites()) {
         assert!(model.check_recorded().is_ok(), "{:?}", model.check_recorded());
     }
 }

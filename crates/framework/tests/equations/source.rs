@@ -14,7 +14,7 @@ use common::sample::{sampled, sampled_names};
 use common::{at_top, description, description_names};
 use libloading::Library;
 
-use crate::recording::{Draw, same, whole_loops};
+use crate::recording::{Draw, composites, same};
 
 const WARNINGS: &[&str] =
     &["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"];
@@ -157,7 +157,7 @@ fn the_source_of_a_unit_with_bounds_of_single_elements_gives_the_bits_of_the_equ
 fn the_source_of_all_composites_gives_the_bits_of_the_equations() {
     let mut random = Random::new(27);
     let folder = folder();
-    for model in sampled(whole_loops()) {
+    for model in sampled(composites()) {
         // Large sources take a compiler long to optimise.
         compare(&model, (20, "-O0"), &mut random, folder.path());
     }

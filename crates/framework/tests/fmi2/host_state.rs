@@ -65,7 +65,7 @@ enum Way {
 }
 
 /// A unit in one of the two interfaces, and everything that its calls gave.
-struct Life {
+struct Lifetime {
     way: Way,
     model: Model,
     component: Component,
@@ -78,7 +78,7 @@ struct Life {
 /// Exceptions that inner functions may not raise: an invalid operation, and a division by zero.
 const WRONG_INSIDE: u32 = 1 | 1 << 2;
 
-impl Life {
+impl Lifetime {
     /// Makes one call, given as the exported function and as its inner one.
     fn call<T>(&mut self, name: &str, exported: impl FnOnce(Component) -> T, inside: impl FnOnce(Component) -> T) -> T {
         let c = self.component;
@@ -111,7 +111,7 @@ impl Life {
         self.seen.extend(numbers.iter().map(|number| number.to_bits()));
     }
 
-    fn instantiate(name: &str, kind: i32, way: Way) -> Life {
+    fn instantiate(name: &str, kind: i32, way: Way) -> Lifetime {
         let text = description(name);
         let model = Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -133,14 +133,14 @@ impl Life {
         };
         let (reals, inputs) = (of(&|_| true), of(&|causality| causality == Causality::Input));
         let component = std::ptr::null_mut();
-        let mut life = Life { way, component, reals, inputs, seen: Vec::new(), wrong: Vec::new(), model };
-        life.component = life.call(
+        let mut lifetime = Lifetime { way, component, reals, inputs, seen: Vec::new(), wrong: Vec::new(), model };
+        lifetime.component = lifetime.call(
             "fmi2Instantiate",
             |_| unsafe { fmi2Instantiate(unit, kind, guid, place, &callbacks, FALSE, FALSE) },
             |_| unsafe { interface::instantiate(LIBRARY, unit, kind, guid, place, &callbacks, FALSE, FALSE) },
         );
-        assert!(!life.component.is_null(), "{name}, {way:x?}");
-        life
+        assert!(!lifetime.component.is_null(), "{name}, {way:x?}");
+        lifetime
     }
 
     fn set_inputs(&mut self, k: i32) {
@@ -312,23 +312,23 @@ impl Life {
 }
 
 /// Lifetime from instantiation to the end.
-fn lived(name: &str, kind: i32, way: Way) -> Life {
-    let mut life = Life::instantiate(name, kind, way);
-    life.start();
+fn run_lifetime(name: &str, kind: i32, way: Way) -> Lifetime {
+    let mut lifetime = Lifetime::instantiate(name, kind, way);
+    lifetime.start();
     if kind == CO_SIMULATION {
-        life.steps()
+        lifetime.steps()
     } else {
-        life.exchange()
+        lifetime.exchange()
     }
-    life.end();
-    assert!(life.seen.iter().filter(|seen| **seen == OK as u64).count() > 50, "{name} runs: {:?}", life.seen);
-    life
+    lifetime.end();
+    assert!(lifetime.seen.iter().filter(|seen| **seen == OK as u64).count() > 50, "{name} runs: {:?}", lifetime.seen);
+    lifetime
 }
 
-fn life(name: &str, kind: i32, way: Way) -> Vec<u64> {
-    let life = lived(name, kind, way);
-    assert!(life.wrong.is_empty(), "{name}, interface {kind}, {way:x?}: {:#?}", life.wrong);
-    life.seen
+fn answers(name: &str, kind: i32, way: Way) -> Vec<u64> {
+    let lifetime = run_lifetime(name, kind, way);
+    assert!(lifetime.wrong.is_empty(), "{name}, interface {kind}, {way:x?}: {:#?}", lifetime.wrong);
+    lifetime.seen
 }
 
 fn every_unit(check: impl Fn(&str, i32)) {
@@ -340,9 +340,9 @@ fn every_unit(check: impl Fn(&str, i32)) {
 #[test]
 fn every_unit_computes_the_same_bits_in_any_state_of_the_host_and_leaves_it_as_it_was() {
     every_unit(|name, kind| {
-        let usual = life(name, kind, Way::InState(DEFAULT));
+        let usual = answers(name, kind, Way::InState(DEFAULT));
         for (host, state) in OTHERS {
-            assert!(life(name, kind, Way::InState(state)) == usual, "{name} in a host that {host}");
+            assert!(answers(name, kind, Way::InState(state)) == usual, "{name} in a host that {host}");
         }
     });
 }
@@ -352,8 +352,8 @@ fn every_unit_computes_the_same_bits_in_any_state_of_the_host_and_leaves_it_as_i
 #[ignore = "run by the next test"]
 fn every_unit_in_a_trapping_host() {
     every_unit(|name, kind| {
-        let usual = life(name, kind, Way::InState(DEFAULT));
-        assert!(life(name, kind, Way::InState(TRAPPING)) == usual, "{name}");
+        let usual = answers(name, kind, Way::InState(DEFAULT));
+        assert!(answers(name, kind, Way::InState(TRAPPING)) == usual, "{name}");
     });
 }
 
@@ -391,7 +391,7 @@ fn a_trapping_host_is_ended_by_a_division_of_zero_by_zero() {
 fn no_unit_has_an_invalid_operation_or_a_division_by_zero_inside() {
     let wrong = RefCell::new(Vec::new());
     every_unit(|name, kind| {
-        let mut found = lived(name, kind, Way::Inside).wrong;
+        let mut found = run_lifetime(name, kind, Way::Inside).wrong;
         found.dedup();
         wrong.borrow_mut().extend(found.into_iter().map(|what| format!("{name}, interface {kind}: {what}")));
     });

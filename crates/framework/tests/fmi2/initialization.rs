@@ -193,9 +193,9 @@ fn input_derivatives_given_in_initialization_mode_hold_for_the_first_step() {
         unit.values()
     };
     assert_eq!(with(true), with(false));
-    let held = Unit::started("NonlinearSiso");
-    held.run(0.0, 2, 0.01);
-    assert_ne!(with(true), held.values());
+    let sampled = Unit::started("NonlinearSiso");
+    sampled.run(0.0, 2, 0.01);
+    assert_ne!(with(true), sampled.values());
 }
 
 #[test]

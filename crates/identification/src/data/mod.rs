@@ -123,13 +123,13 @@ impl Data {
     /// The data without records of which no rows are left, and the other records.
     pub fn of_records(mut self, records: &[Record]) -> (Self, Vec<&Record>) {
         let has_rows = |record: &usize| self.segments.iter().any(|segment| segment.record == *record);
-        let kept: Vec<usize> = (0..records.len()).filter(has_rows).collect();
+        let used: Vec<usize> = (0..records.len()).filter(has_rows).collect();
         for segment in &mut self.segments {
-            segment.record = kept.partition_point(|record| *record < segment.record);
+            segment.record = used.partition_point(|record| *record < segment.record);
         }
-        self.records = kept.len();
-        self.centre = DMatrix::zeros(self.n + self.m, kept.len());
-        (self, kept.into_iter().map(|record| &records[record]).collect())
+        self.records = used.len();
+        self.centre = DMatrix::zeros(self.n + self.m, used.len());
+        (self, used.into_iter().map(|record| &records[record]).collect())
     }
 
     /// The same without the means of signals in each record, where free constants take them up: with means that are large, constants
@@ -263,9 +263,9 @@ impl<'a> Source<'a> {
             }
         }
         ranges.extend(start.map(|begun| begun..part.end));
-        let (kept, short): (Vec<_>, Vec<_>) = ranges.into_iter().partition(|range| range.len() >= self.fewest);
+        let (long, short): (Vec<_>, Vec<_>) = ranges.into_iter().partition(|range| range.len() >= self.fewest);
         match findings {
-            Some(findings) if kept.is_empty() => {
+            Some(findings) if long.is_empty() => {
                 let text = format!("{} is left out: {}", self.records[record].name, self.too_short(record));
                 findings.push(Finding::warning(Kind::LeftOut, text));
             }
@@ -276,7 +276,7 @@ impl<'a> Source<'a> {
             }
             None => {}
         }
-        kept
+        long
     }
 
     /// The reason for which a record has no rows.

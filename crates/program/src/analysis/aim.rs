@@ -18,7 +18,7 @@ pub(super) struct Aim<'a> {
     /// Further wanted variables, for which the FMU lists no derivatives.
     pub others: Plan<'a>,
     /// True for each state that keeps its value.
-    pub is_held: Vec<bool>,
+    pub is_fixed: Vec<bool>,
     /// Wanted values, an equation each.
     pub targets: Vec<f64>,
     /// Variables and values that were asked for.
@@ -37,14 +37,14 @@ impl<'a> Aim<'a> {
         all: &'a [Variable],
     ) -> Result<Self, Error> {
         let free = inputs(plan, &point.free)?;
-        let is_held = held(plan, &point.hold)?;
+        let is_fixed = fixed_states(plan, &point.hold)?;
         let wanted = wanted(instance, plan, point, all)?;
         let mut targets = vec![0.0; plan.states.len()];
         let (mut outputs, mut others) = (Vec::new(), Vec::new());
         for &(variable, value) in &wanted {
             if let Some(place) = place(&plan.derivatives, variable) {
                 targets[place] = value;
-            } else if let Some(state) = place(&plan.states, variable).filter(|&state| is_held[state]) {
+            } else if let Some(state) = place(&plan.states, variable).filter(|&state| is_fixed[state]) {
                 let reason = format!(
                     "--hold {0} is not allowed with --want {0}: the state can't keep its start value",
                     plan.states[state].name
@@ -65,7 +65,7 @@ impl<'a> Aim<'a> {
             by,
         };
         let (plan, others) = (of(&outputs, plan.by), of(&others, Derivatives::Differences));
-        Ok(Aim { plan, others, is_held, targets, wanted })
+        Ok(Aim { plan, others, is_fixed, targets, wanted })
     }
 
     /// The wanted variables, apart from derivatives.
@@ -80,7 +80,7 @@ impl<'a> Aim<'a> {
 
     /// The places of the states that may move.
     pub fn moving(&self) -> Vec<usize> {
-        (0..self.is_held.len()).filter(|&state| !self.is_held[state]).collect()
+        (0..self.is_fixed.len()).filter(|&state| !self.is_fixed[state]).collect()
     }
 
     /// The variable of each unknown.
@@ -109,7 +109,7 @@ fn inputs<'a>(plan: &Plan<'a>, names: &[String]) -> Result<Vec<&'a Variable>, Er
 }
 
 /// True for each state of these names.
-fn held(plan: &Plan, names: &[String]) -> Result<Vec<bool>, Error> {
+fn fixed_states(plan: &Plan, names: &[String]) -> Result<Vec<bool>, Error> {
     let known = || plan.states.iter().map(|state| state.name.as_str());
     let is_state = |name: &&String| known().any(|state| state == **name);
     if let Some(name) = names.iter().find(|name| !is_state(name)) {

@@ -321,8 +321,8 @@ fn rank(matrix: &DMatrix<f64>) -> (usize, Vec<bool>) {
     let singular = matrix.clone().svd(false, true);
     let smallest = RANK * singular.singular_values.max();
     let directions: Vec<_> = singular.v_t.iter().flat_map(|rows| rows.row_iter()).collect();
-    let kept = || directions.iter().zip(&singular.singular_values).filter(|(_, value)| **value > smallest);
+    let used = || directions.iter().zip(&singular.singular_values).filter(|(_, value)| **value > smallest);
     // Remainder of each unit vector without the directions that the matrix distinguishes.
-    let left = |k: usize| 1.0 - kept().map(|(direction, _)| direction[k].powi(2)).sum::<f64>();
-    (kept().count(), (0..matrix.ncols()).map(|k| left(k).max(0.0).sqrt() > MOVABLE).collect())
+    let left = |k: usize| 1.0 - used().map(|(direction, _)| direction[k].powi(2)).sum::<f64>();
+    (used().count(), (0..matrix.ncols()).map(|k| left(k).max(0.0).sqrt() > MOVABLE).collect())
 }

@@ -133,9 +133,9 @@ impl Fit {
             return Err(Unfit::StillState(state));
         }
         let (sampled, condition) = solved(&known, &next)?;
-        let mut held = DMatrix::identity(n + m, n + m);
-        held.view_mut((0, 0), (n, n + m)).copy_from(&sampled);
-        let rates = logarithm(&held).ok_or(Unfit::NoLogarithm)? / step;
+        let mut exponential = DMatrix::identity(n + m, n + m);
+        exponential.view_mut((0, 0), (n, n + m)).copy_from(&sampled);
+        let rates = logarithm(&exponential).ok_or(Unfit::NoLogarithm)? / step;
         let (mut shown, _) = solved(&seen, &outputs)?;
         for (row, state) in shape.outputs.iter().enumerate() {
             if let Some(state) = state {

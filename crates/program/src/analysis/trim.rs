@@ -107,7 +107,7 @@ fn found(aim: &Aim, end: &End) -> Trim {
     let names = |variables: &[&Variable]| variables.iter().map(|variable| variable.name.clone()).collect();
     let unknowns = aim.unknowns();
     let can_move: Vec<_> = unknowns.iter().zip(&end.can_move).filter(|(_, moves)| **moves).map(|(v, _)| *v).collect();
-    let held: Vec<_> = aim.plan.states.iter().zip(&aim.is_held).filter(|(_, held)| **held).map(|(v, _)| *v).collect();
+    let held: Vec<_> = aim.plan.states.iter().zip(&aim.is_fixed).filter(|(_, held)| **held).map(|(v, _)| *v).collect();
     Trim {
         free: names(&aim.plan.inputs),
         wanted: aim.wanted.iter().map(|&(variable, value)| wanted(variable, value)).collect(),
@@ -148,7 +148,7 @@ struct Bound<'a, 'b> {
 
 impl<'a, 'b> Bound<'a, 'b> {
     fn new(instance: &'a Instance, aim: &'a Aim<'b>) -> Result<Self, Error> {
-        let states = if aim.is_held.is_empty() { Vec::new() } else { instance.states(aim.is_held.len())? };
+        let states = if aim.is_fixed.is_empty() { Vec::new() } else { instance.states(aim.is_fixed.len())? };
         Ok(Bound { instance, aim, moving: aim.moving(), states })
     }
 

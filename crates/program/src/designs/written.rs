@@ -46,7 +46,7 @@ impl Written {
 
     /// The files of the loop, with the text of its structure if there is one.
     pub fn files(&self, structure: Option<String>) -> LoopFiles {
-        LoopFiles::held(structure, self.sources().cloned())
+        LoopFiles::in_memory(structure, self.sources().cloned())
     }
 
     /// Its descriptions.

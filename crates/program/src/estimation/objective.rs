@@ -124,7 +124,7 @@ impl<'a> Simulated<'a> {
     /// Values that count, without their mean over each record if sensors may have constant errors.
     fn projected(&self, record: usize, courses: &DMatrix<f64>) -> DMatrix<f64> {
         let counts = |i: usize, row: usize| self.counts(record, i, row);
-        let mut kept =
+        let mut stored =
             DMatrix::from_fn(
                 courses.nrows(),
                 self.seen[record],
@@ -133,13 +133,13 @@ impl<'a> Simulated<'a> {
                 },
             );
         if self.task.has_offsets {
-            for i in 0..kept.nrows() {
-                let count = (0..kept.ncols()).filter(|&row| counts(i, row)).count().max(1);
-                let mean = kept.row(i).sum() / count as f64;
-                (0..kept.ncols()).filter(|&row| counts(i, row)).for_each(|row| kept[(i, row)] -= mean);
+            for i in 0..stored.nrows() {
+                let count = (0..stored.ncols()).filter(|&row| counts(i, row)).count().max(1);
+                let mean = stored.row(i).sum() / count as f64;
+                (0..stored.ncols()).filter(|&row| counts(i, row)).for_each(|row| stored[(i, row)] -= mean);
             }
         }
-        kept
+        stored
     }
 
     /// Simulated minus measured values, all of them.

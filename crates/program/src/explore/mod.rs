@@ -6,9 +6,9 @@ mod alone;
 mod blocks;
 mod cases;
 #[cfg(not(target_family = "wasm"))]
-mod http;
+mod files;
 #[cfg(not(target_family = "wasm"))]
-mod kept;
+mod http;
 #[cfg(not(target_family = "wasm"))]
 mod page;
 mod parameters;

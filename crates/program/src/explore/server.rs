@@ -125,9 +125,11 @@ impl Server {
                 Ok(wanted) => return self.run(stream, &wanted),
                 Err(refusal) => Err(refusal),
             },
-            ("POST", "/set") => kept(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(told),
-            ("POST", "/save") => kept(&request, |wanted| self.session.save(wanted)).map(told),
-            ("POST", "/export") => kept(&request, |wanted| self.session.export(wanted)).map(told),
+            ("POST", "/set") => {
+                answer_wanted(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(told)
+            }
+            ("POST", "/save") => answer_wanted(&request, |wanted| self.session.save(wanted)).map(told),
+            ("POST", "/export") => answer_wanted(&request, |wanted| self.session.export(wanted)).map(told),
             (method, path) => match page::file(path.trim_start_matches('/'), Backend::SERVER) {
                 Some((kind, text)) if method == "GET" => Ok((kind, text)),
                 None if !PATHS.contains(&path) => Err((404, "there is no such page".to_owned())),
@@ -206,7 +208,7 @@ fn wanted(request: &Request) -> Result<Wanted, Refusal> {
     serde_json::from_slice(&request.body).map_err(|error| (400, format!("the request can't be read: {error}")))
 }
 
-fn kept(request: &Request, keep: impl Fn(&Wanted) -> Result<Value, String>) -> Result<Value, Refusal> {
+fn answer_wanted(request: &Request, keep: impl Fn(&Wanted) -> Result<Value, String>) -> Result<Value, Refusal> {
     keep(&wanted(request)?).map_err(|reason| (422, reason))
 }
 

@@ -32,7 +32,7 @@ impl Session {
         let name = plain(&wanted.name)?;
         let (base, values) = self.find(wanted)?;
         let moved: BTreeMap<&str, &Value> = values.iter().map(|(it, value)| (it.name.as_str(), value)).collect();
-        let mut kept = Vec::new();
+        let mut entries = Vec::new();
         for (name, place, variable) in base.loaded.variables() {
             // Variables without a component belong to the composite only.
             if base.structure.unit_of(&name).is_none() {
@@ -41,11 +41,11 @@ impl Session {
             let value = moved.get(name.as_str()).copied().or_else(|| base.loaded.given(place));
             let Some(value) = value.filter(|value| self.plain.get(&name) != Some(value)) else { continue };
             let (kind, text) = written(value, &variable.items);
-            kept.push((name, kind, text));
+            entries.push((name, kind, text));
         }
-        let kept: Vec<_> = kept.iter().map(|(name, kind, text)| (name.as_str(), *kind, text.clone())).collect();
+        let entries: Vec<_> = entries.iter().map(|(name, kind, text)| (name.as_str(), *kind, text.clone())).collect();
         let remark = format!("Values of {} chosen on its page.", base.structure.name);
-        typed_set(name, &remark, &kept).map_err(|error| error.to_string())
+        typed_set(name, &remark, &entries).map_err(|error| error.to_string())
     }
 }
 

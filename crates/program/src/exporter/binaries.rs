@@ -31,7 +31,7 @@ pub struct Binary {
     /// The oldest glibc that it can be loaded with, where it asks for one.
     pub glibc: Option<Glibc>,
     /// Its bytes, if they are in no file.
-    pub held: Option<Vec<u8>>,
+    pub bytes: Option<Vec<u8>>,
 }
 
 impl Binary {
@@ -61,13 +61,13 @@ impl Binary {
         let platform = Platform::of_target(&build.target).ok_or_else(|| {
             Error::Library(format!("{}: is for {}, which FMUs do not support", file.display(), build.target))
         })?;
-        Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes), held: None }))
+        Ok(Some(Binary { platform, file: file.to_owned(), build, glibc: Glibc::asked_by(bytes), bytes: None }))
     }
 
     /// The library for this platform.
     pub(super) fn own(file: &Path, bytes: &[u8]) -> Self {
         let build = Build::within(bytes).unwrap_or_default();
-        Binary { platform: Platform::own(), file: file.to_owned(), build, glibc: Glibc::asked_by(bytes), held: None }
+        Binary { platform: Platform::own(), file: file.to_owned(), build, glibc: Glibc::asked_by(bytes), bytes: None }
     }
 }
 
@@ -93,7 +93,7 @@ pub(super) fn near(folder: &Path) -> Vec<Binary> {
 pub fn programs() -> Result<Vec<Binary>, Error> {
     let file = std::env::current_exe().map_err(Error::file("this program"))?;
     let places = file.parent().map(of_targets).unwrap_or_default().into_iter();
-    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone(), held: None };
+    let own = Binary { platform: Platform::own(), build: own_build(), glibc: None, file: file.clone(), bytes: None };
     let mut programs = Binaries::of(own);
     for program in of_names(places, |platform| platform.program_name().to_owned()) {
         // Libraries of other sources are reported when libraries are taken.
@@ -223,21 +223,21 @@ impl Binaries {
 }
 
 /// A library as an archive of one entry. Compressing takes most of the time of an export, so the result is cached.
-fn packed(Binary { file, held, .. }: &Binary) -> Result<Vec<u8>, Error> {
-    let bytes: Cow<[u8]> = match held {
-        Some(held) => held.into(),
+fn packed(Binary { file, bytes, .. }: &Binary) -> Result<Vec<u8>, Error> {
+    let bytes: Cow<[u8]> = match bytes {
+        Some(bytes) => bytes.into(),
         None => std::fs::read(file).map_err(Error::file(file))?.into(),
     };
-    let kept = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);
-    if let Some(archive) = kept.as_ref().and_then(cache::Entry::read) {
+    let cached = cache::Entry::of("zip", &[&cache::checksum(file, &bytes)]);
+    if let Some(archive) = cached.as_ref().and_then(cache::Entry::read) {
         return Ok(archive);
     }
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("library", options(0o755)).map_err(refused(file))?;
     zip.write_all(&bytes).map_err(Error::file(file))?;
     let archive = zip.finish().map_err(refused(file))?.into_inner();
-    if let Some(kept) = kept {
-        kept.write(&archive);
+    if let Some(cached) = cached {
+        cached.write(&archive);
     }
     Ok(archive)
 }
@@ -253,7 +253,7 @@ mod tests {
             let file = folder.path().join(target);
             std::fs::write(&file, target).unwrap();
             let build = Build { target: (*target).to_owned(), ..own_build() };
-            Binary { platform: Platform::of_target(target).unwrap(), file, build, glibc: None, held: None }
+            Binary { platform: Platform::of_target(target).unwrap(), file, build, glibc: None, bytes: None }
         };
         let mut all = targets.iter().map(binary);
         let mut binaries = Binaries::of(all.next().unwrap());
@@ -262,13 +262,13 @@ mod tests {
         binaries.write("U", Standard::Fmi2, &mut zip).unwrap();
         let mut archive = ZipArchive::new(zip.finish().unwrap()).unwrap();
         let count = archive.len();
-        let mut held = |index| {
+        let mut bytes = |index| {
             let mut entry = archive.by_index(index).unwrap();
             let mut text = String::new();
             entry.read_to_string(&mut text).unwrap();
             format!("{} {text}", entry.name().unwrap())
         };
-        (0..count).map(&mut held).collect()
+        (0..count).map(&mut bytes).collect()
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::Source;
 use super::binaries::{self, Binaries, Binary};
-use super::held;
+use super::embedded;
 use super::lines;
 use super::platform::Platform;
 use crate::cache::{self, Checksum, Entry};
@@ -90,7 +90,7 @@ impl Library {
     fn linked() -> Self {
         let path = PathBuf::from("this library");
         let (platform, build) = (Platform::own(), binaries::own_build());
-        let own = Binary { platform, file: path.clone(), build, glibc: None, held: None };
+        let own = Binary { platform, file: path.clone(), build, glibc: None, bytes: None };
         Self::of_linked(path, Binaries::of(own))
     }
 
@@ -109,7 +109,7 @@ impl Library {
         let refuse = || Error::Library("a file of this page is no library of this package".to_owned());
         let binary = |bytes: Vec<u8>| {
             let found = Binary::of_bytes(Path::new("library"), &bytes)?.ok_or_else(refuse)?;
-            Ok(Binary { held: Some(bytes), ..found })
+            Ok(Binary { bytes: Some(bytes), ..found })
         };
         let mut found = libraries.into_iter().map(binary).collect::<Result<Vec<_>, Error>>()?.into_iter();
         let first = found.next().ok_or_else(|| Error::Library("choose a platform for the FMU".to_owned()))?;
@@ -254,8 +254,8 @@ impl Library {
     /// The library's reply to a question about a description.
     fn ask(&self, question: &Question, description: Option<&Source>) -> Result<String, Error> {
         let asked = (question.name, description.map(|source| source.text.clone()));
-        let kept = || self.replies.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(reply) = kept().get(&asked) {
+        let locked = || self.replies.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reply) = locked().get(&asked) {
             return Ok(reply.clone());
         }
         let entry = description.and_then(|source| self.entry(question, source));
@@ -268,7 +268,7 @@ impl Library {
                 reply
             }
         };
-        let mut replies = kept();
+        let mut replies = locked();
         if replies.len() >= MOST_REPLIES {
             replies.clear();
         }
@@ -333,7 +333,7 @@ fn find_own_library() -> Option<PathBuf> {
     let own = Platform::own();
     let of_folders = library_folders(&folder).map(|libraries| libraries.join(own.folder));
     let mut places = std::iter::once(folder.join("deps")).chain(of_folders).map(|place| place.join(own.library_name()));
-    places.find(|place| place.is_file()).or_else(held::file).or_else(|| {
+    places.find(|place| place.is_file()).or_else(embedded::file).or_else(|| {
         let copy = folder.join(own.library_name());
         copy.is_file().then_some(copy)
     })

@@ -6,8 +6,8 @@ mod asked;
 mod binaries;
 mod browser;
 mod compiler;
+mod embedded;
 mod firmware;
-mod held;
 #[allow(unsafe_code)]
 mod library;
 mod lines;
@@ -26,8 +26,8 @@ pub use archive::{
 pub use asked::{Asked, Glibc, asked_within};
 pub use binaries::{Binary, programs};
 pub use browser::{BROWSER, BROWSER_FILE, browser_library, check_browser_library};
+pub use embedded::{hold, tidy};
 pub use firmware::{export_firmware, firmware};
-pub use held::{hold, tidy};
 pub(crate) use library::with_causes;
 pub use library::{LIBRARIES, Library, SHARED, own_library};
 pub(crate) use page::push_report;

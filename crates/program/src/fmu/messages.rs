@@ -21,7 +21,7 @@ const LONGEST: usize = 4096;
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Messages {
     /// The first hundred messages.
-    kept: Vec<String>,
+    first: Vec<String>,
     /// Number of messages after them, and the last one.
     further: usize,
     last: Option<String>,
@@ -33,8 +33,8 @@ impl Messages {
     /// Adds a message, cleaned of control characters.
     pub(super) fn push(&mut self, text: &str) {
         let text = cleaned(text);
-        if self.kept.len() < MOST {
-            self.kept.push(text);
+        if self.first.len() < MOST {
+            self.first.push(text);
         } else {
             self.further += 1;
             self.last = Some(text);
@@ -57,7 +57,7 @@ impl Messages {
     #[cfg(any(unix, test))]
     pub(super) fn append(&mut self, later: Messages) {
         later.details.iter().for_each(|text| self.push_detail(text));
-        later.kept.iter().for_each(|text| self.push(text));
+        later.first.iter().for_each(|text| self.push(text));
         if let Some(last) = later.last {
             self.further += later.further.saturating_sub(1);
             self.push(&last);
@@ -66,19 +66,19 @@ impl Messages {
 
     /// True if there is no message.
     pub fn is_empty(&self) -> bool {
-        self.kept.is_empty()
+        self.first.is_empty()
     }
 
     /// Number of messages, including those that were dropped.
     pub fn count(&self) -> usize {
-        self.kept.len() + self.further
+        self.first.len() + self.further
     }
 
     /// The messages in order; in place of dropped ones, their number.
     pub fn iter(&self) -> impl Iterator<Item = String> + '_ {
         let uncounted = self.further.saturating_sub(1);
         let more = (uncounted > 0).then(|| format!("({uncounted} more messages)"));
-        self.kept.iter().cloned().chain(more).chain(self.last.clone())
+        self.first.iter().cloned().chain(more).chain(self.last.clone())
     }
 
     /// The last of them in one line, which contain the reason of a failure.
@@ -156,7 +156,7 @@ pub(super) unsafe extern "C-unwind" fn log_message(
 ) {
     // SAFETY: the environment is the instance's log, which outlives it, and the message is a C string.
     unsafe {
-        if !message.is_null() && is_kept(environment, status) {
+        if !message.is_null() && is_stored(environment, status) {
             keep(environment, status, &CStr::from_ptr(message).to_string_lossy());
         }
     }
@@ -176,7 +176,7 @@ unsafe fn keep(environment: *mut c_void, status: c_int, message: &str) {
 ///
 /// # Safety
 /// As of [`keep`].
-unsafe fn is_kept(environment: *mut c_void, status: c_int) -> bool {
+unsafe fn is_stored(environment: *mut c_void, status: c_int) -> bool {
     // SAFETY: as this function asks of its caller.
     status != OK || unsafe { &*environment.cast::<Log>() }.keeps_details
 }
@@ -188,7 +188,7 @@ use expanding::keep_message;
 /// instructions pass the variadic arguments to C's vsnprintf.
 #[cfg(all(target_arch = "x86_64", unix))]
 mod expanding {
-    use super::{CStr, LONGEST, c_char, c_int, c_void, is_kept, keep};
+    use super::{CStr, LONGEST, c_char, c_int, c_void, is_stored, keep};
 
     unsafe extern "C" {
         fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
@@ -245,7 +245,7 @@ mod expanding {
         arguments: *mut c_void,
     ) {
         // SAFETY: the environment is the instance's log, which outlives it.
-        if format.is_null() || !unsafe { is_kept(environment, status) } {
+        if format.is_null() || !unsafe { is_stored(environment, status) } {
             return;
         }
         // One byte more than is stored shows that a text is longer.
@@ -274,7 +274,7 @@ unsafe extern "C" fn keep_message(
     #[cfg(target_family = "wasm")] _arguments: *mut c_void,
 ) {
     // SAFETY: the environment is the instance's log, which outlives it.
-    if !format.is_null() && unsafe { is_kept(environment, status) } {
+    if !format.is_null() && unsafe { is_stored(environment, status) } {
         // SAFETY: the message is a C string.
         let format = unsafe { CStr::from_ptr(format) };
         let text = format.to_string_lossy().replace("%%", "%");

@@ -153,9 +153,9 @@ impl Fmu {
         unpack_but(file, folder.path(), common.map(|common| common.mark))?;
         let resources = folder.path().join("resources");
         let place = |identifier: &str| {
-            let held =
+            let found =
                 own.binaries(standard, identifier).find_map(|place| entries.iter().find(|entry| entry.name == place));
-            if let Some(common) = common.filter(|common| held.is_some_and(|held| common.is_entry(held))) {
+            if let Some(common) = common.filter(|common| found.is_some_and(|found| common.is_entry(found))) {
                 return Ok(Place::here(common.binary(standard), Some(&common.checksum), &resources));
             }
             let library = own.find_binary(folder.path(), standard, identifier).ok_or_else(|| {

@@ -10,7 +10,7 @@ use crate::exporter::{Library, Source};
 use crate::scratch::Scratch;
 
 /// Largest number of cached FMUs; the least recently used one is dropped.
-const MOST_KEPT: usize = 64;
+const MOST_CACHED: usize = 64;
 
 /// FMUs by their descriptions.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub struct Ready {
     library: Library,
     #[cfg(not(target_family = "wasm"))]
     folder: Scratch,
-    kept: Mutex<VecDeque<(String, Arc<Fmu>)>>,
+    cached: Mutex<VecDeque<(String, Arc<Fmu>)>>,
 }
 
 impl Ready {
@@ -31,7 +31,7 @@ impl Ready {
             library: Library::next_to_program()?,
             #[cfg(not(target_family = "wasm"))]
             folder: Scratch::new()?,
-            kept: Mutex::default(),
+            cached: Mutex::default(),
         })
     }
 
@@ -45,15 +45,15 @@ impl Ready {
     /// # Errors
     /// For a description that is refused, or files that can't be written.
     pub fn fmu(&self, source: &Source) -> Result<Arc<Fmu>, Error> {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = kept.iter().position(|(text, _)| *text == source.text);
-        let fmu = match place.and_then(|place| kept.remove(place)) {
+        let mut cached = self.cached.lock().unwrap_or_else(PoisonError::into_inner);
+        let place = cached.iter().position(|(text, _)| *text == source.text);
+        let fmu = match place.and_then(|place| cached.remove(place)) {
             Some((_, fmu)) => fmu,
             None => Arc::new(self.made(source)?),
         };
-        kept.push_back((source.text.clone(), Arc::clone(&fmu)));
-        while kept.len() > MOST_KEPT {
-            kept.pop_front();
+        cached.push_back((source.text.clone(), Arc::clone(&fmu)));
+        while cached.len() > MOST_CACHED {
+            cached.pop_front();
         }
         Ok(fmu)
     }

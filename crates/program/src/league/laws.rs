@@ -48,9 +48,9 @@ fn conditions(own: &[&Record]) -> String {
     });
     let all: Vec<(&str, Condition, bool)> = all.collect();
     let failed: Vec<_> = all.iter().filter(|(.., holds)| !holds).collect();
-    let held = all.len() - failed.len();
+    let passed = all.len() - failed.len();
     let plants = if own.len() == 1 { format!("on {}", own[0].plant) } else { format!("on {} plants", own.len()) };
-    let mut text = format!("Passes {held} of {} conditions {plants}", all.len());
+    let mut text = format!("Passes {passed} of {} conditions {plants}", all.len());
     if !failed.is_empty() {
         let plants = own.iter().map(|record| record.plant.as_str());
         let listed = plants.filter_map(|plant| {

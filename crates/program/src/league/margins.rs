@@ -91,7 +91,7 @@ impl Pair<'_> {
         nominal: &Outcome,
         is_interrupted: &(dyn Fn() -> bool + Sync),
     ) -> Result<Margin, String> {
-        let bears = |value: f64| -> Result<bool, String> {
+        let tolerates = |value: f64| -> Result<bool, String> {
             let holds = |outcome: &Outcome| outcome.passes_compared_with(nominal);
             let (deviation, form, step) = match kind {
                 Kind::Step => (Deviation::default(), Form::Separate, value),
@@ -100,7 +100,7 @@ impl Pair<'_> {
             };
             Ok(holds(&self.stands(&deviation, form, step, is_interrupted, holds).outcome))
         };
-        bisected(kind.range(), self.budget.margin, || !is_interrupted(), bears)
+        bisected(kind.range(), self.budget.margin, || !is_interrupted(), tolerates)
     }
 
     fn disturbed(&self, kind: Kind, value: f64) -> Result<Deviation, String> {
@@ -128,24 +128,24 @@ fn bisected(
     (low, high): (f64, f64),
     part: f64,
     goes_on: impl Fn() -> bool,
-    bears: impl Fn(f64) -> Result<bool, String>,
+    tolerates: impl Fn(f64) -> Result<bool, String>,
 ) -> Result<Margin, String> {
-    if !bears(low)? {
+    if !tolerates(low)? {
         return Ok(Margin { value: low, bound: Bound::Below });
     }
-    if bears(high)? {
+    if tolerates(high)? {
         return Ok(Margin { value: high, bound: Bound::AtLeast });
     }
-    let (mut borne, mut lost) = (low, high);
-    while lost > (1.0 + part) * borne && goes_on() {
-        let middle = (borne * lost).sqrt();
-        if bears(middle)? {
-            borne = middle;
+    let (mut tolerated, mut lost) = (low, high);
+    while lost > (1.0 + part) * tolerated && goes_on() {
+        let middle = (tolerated * lost).sqrt();
+        if tolerates(middle)? {
+            tolerated = middle;
         } else {
             lost = middle;
         }
     }
-    Ok(Margin { value: borne, bound: Bound::Within })
+    Ok(Margin { value: tolerated, bound: Bound::Within })
 }
 
 #[cfg(test)]

@@ -40,8 +40,8 @@ impl Quantity {
             Some(under(record, Condition::Bench)?.moved(plant))
         }),
         quantity("held", "conditions passed", true, |_, record| {
-            let held = record.conditions.as_ref()?.values().filter(|judged| judged.outcome.holds()).count();
-            Some(held as f64)
+            let passed = record.conditions.as_ref()?.values().filter(|judged| judged.outcome.holds()).count();
+            Some(passed as f64)
         }),
         Quantity {
             interval: Some(|record| Some(record.spread.as_ref()?.rate().1)),

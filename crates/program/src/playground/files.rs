@@ -69,7 +69,7 @@ pub fn answer(
             (file, ZIP, bytes)
         }
         What::C => c(&designed, name, ready, progress)?,
-        What::Loop => whole_loop(&designed, name, &library()?, progress)?,
+        What::Loop => composite(&designed, name, &library()?, progress)?,
     };
     Ok(json!({ "name": file, "type": media, "base64": base64::padded(&bytes) }))
 }
@@ -118,7 +118,7 @@ fn c(
 }
 
 /// The loop as an archive that other masters read, too.
-fn whole_loop(
+fn composite(
     Designed { source, .. }: &Designed,
     name: &str,
     library: &Library,

@@ -111,14 +111,14 @@ impl Response {
 
     /// The response at the next point.
     fn next(&mut self, time: f64, input: f64) -> f64 {
-        let Some((before, held)) = self.last.replace((time, input)) else { return output(&self.initial, &self.free) };
+        let Some((before, last)) = self.last.replace((time, input)) else { return output(&self.initial, &self.free) };
         let h = time - before;
         if (h - self.step).abs() > 1e-9 * h || self.step.is_nan() {
             (self.transition, self.step) = ((&self.generator * h).exp(), h);
         }
         let n = self.state.len() - 2;
-        self.state[n] = held;
-        self.state[n + 1] = (input - held) / h;
+        self.state[n] = last;
+        self.state[n + 1] = (input - last) / h;
         for vector in [&mut self.state, &mut self.free] {
             self.transition.mul_to(vector, &mut self.spare);
             std::mem::swap(vector, &mut self.spare);

@@ -1,8 +1,8 @@
 //! Results of runs: metrics, tables, pages and provenance, as they are written and read again.
 
 mod comparison;
+mod drawn_points;
 mod ideal;
-mod kept;
 mod measured;
 mod metrics;
 mod overview;

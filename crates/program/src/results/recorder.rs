@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::kept::Kept;
+use super::drawn_points::DrawnPoints;
 use super::measured::Measured;
 use super::metrics::{Meter, measure};
 use super::report::Thinned;
@@ -15,7 +15,7 @@ use crate::simulation::Recording;
 use crate::structure::{Settings, Structure};
 
 /// Largest number of values of a run in memory, including times: 64 MB. Every loop of this package has fewer.
-const KEPT: usize = 1 << 23;
+const MOST_STORED: usize = 1 << 23;
 /// Number of values after which the points of a longer run are processed: 16 MB.
 const BLOCK: usize = 1 << 21;
 
@@ -68,7 +68,7 @@ struct Begun {
     files: Files,
     table: Table,
     meter: Meter,
-    kept: Kept,
+    drawn: DrawnPoints,
     points: usize,
 }
 
@@ -111,12 +111,12 @@ impl<'a> Recorder<'a> {
         if let Some(place) = self.place.filter(|_| self.begun.is_some()) {
             self.add(recording, place, true)?;
         }
-        let Some(Begun { mut files, table, meter, kept, points }) = self.begun else {
+        let Some(Begun { mut files, table, meter, drawn, points }) = self.begun else {
             let measured = measure(self.structure, recording).map_err(self.wrong())?;
             return Ok(Ended { measured, thinned: None, table: None });
         };
         let marks = table.finish(&mut files)?;
-        let Recording { times, columns, .. } = kept.into_points();
+        let Recording { times, columns, .. } = drawn.into_points();
         (recording.times, recording.columns) = (times, columns);
         let thinned = Thinned { of: points, every: self.place.and_then(|place| place.every) };
         Ok(Ended { measured: meter.measured(), thinned: Some(thinned), table: Some(Tabled { files, marks }) })
@@ -129,7 +129,7 @@ impl<'a> Recorder<'a> {
         };
         begun.meter.add(block);
         begun.table.add(block, ends)?;
-        begun.kept.add(block);
+        begun.drawn.add(block);
         begun.points += block.times.len();
         block.times.clear();
         block.columns.iter_mut().for_each(Vec::clear);
@@ -141,10 +141,10 @@ impl<'a> Recorder<'a> {
         let TablePlace { out, below, every, parquet } = place;
         let meter = Meter::new(self.structure, block).map_err(self.wrong())?;
         let wrong = |reason| Error::Loop { file: out.join(below), reason };
-        let kept = Kept::new(self.structure, block).map_err(wrong)?;
+        let drawn = DrawnPoints::new(self.structure, block).map_err(wrong)?;
         let files = Files::within(out, below)?;
         let table = Table::begin(&files, block, every, parquet)?;
-        Ok(Begun { files, table, meter, kept, points: 0 })
+        Ok(Begun { files, table, meter, drawn, points: 0 })
     }
 
     /// Converts a reason to an error that names the loop.
@@ -156,7 +156,7 @@ impl<'a> Recorder<'a> {
 
 /// True if a complete run with a number of signals is too long for the memory.
 fn is_long(settings: Settings, signals: usize) -> bool {
-    (settings.steps() + 1).saturating_mul(signals + 1) > KEPT
+    (settings.steps() + 1).saturating_mul(signals + 1) > MOST_STORED
 }
 
 #[cfg(test)]
@@ -247,7 +247,7 @@ mod tests {
                 table.finish(&mut files).unwrap();
                 files.place().unwrap();
                 for values in [1, 10, 333, 3000] {
-                    let (kept, ended) = in_blocks(&recording(count), folder.path(), every, values);
+                    let (drawn, ended) = in_blocks(&recording(count), folder.path(), every, values);
                     assert_eq!(bits(&ended.measured), bits(&measured));
                     let Some(Tabled { files, marks }) = ended.table else {
                         assert!(count as usize * 3 <= values + 2, "{count} points have been stored");
@@ -261,8 +261,8 @@ mod tests {
                     }
                     let csv = |name: &str| fs::read_to_string(folder.path().join(name).join(TABLE)).unwrap();
                     assert_eq!(csv("loop"), csv("whole"), "{count} points, every {every:?}, blocks of {values}");
-                    assert_eq!((&kept.names, &kept.measures), (&whole.names, &whole.measures));
-                    assert_eq!((kept.times[0], kept.times.last()), (1.0, whole.times.last()));
+                    assert_eq!((&drawn.names, &drawn.measures), (&whole.names, &whole.measures));
+                    assert_eq!((drawn.times[0], drawn.times.last()), (1.0, whole.times.last()));
                 }
             }
         }
@@ -271,7 +271,9 @@ mod tests {
     #[test]
     fn a_run_is_long_by_its_points_and_its_signals() {
         let settings = |points: f64| Settings { start_time: -5.0, stop_time: points - 6.0, step: 1.0 };
-        assert!(!is_long(settings(KEPT as f64 / 4.0), 3) && is_long(settings(KEPT as f64 / 4.0 + 1.0), 3));
+        assert!(
+            !is_long(settings(MOST_STORED as f64 / 4.0), 3) && is_long(settings(MOST_STORED as f64 / 4.0 + 1.0), 3)
+        );
         assert!(is_long(settings(1e7), 1) && !is_long(settings(1e5), 50));
         let (structure, place) =
             (structure(), TablePlace { out: Path::new(""), below: "", every: None, parquet: false });
@@ -284,9 +286,9 @@ mod tests {
     fn a_run_that_fits_stays_as_it_is_and_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let of = recording(1000);
-        let (kept, ended) = in_blocks(&of, folder.path(), None, 3000);
+        let (drawn, ended) = in_blocks(&of, folder.path(), None, 3000);
         assert!(ended.table.is_none() && ended.thinned.is_none());
-        assert!(kept.times == of.times && kept.columns[..2] == of.columns && kept.names.len() == 4);
+        assert!(drawn.times == of.times && drawn.columns[..2] == of.columns && drawn.names.len() == 4);
         assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
         assert!(in_blocks(&of, folder.path(), None, 2997).1.table.is_some());
         // Files that are not moved to their places leave only the folder for them.

@@ -101,11 +101,11 @@ impl Report<'_> {
     }
 
     fn push_thinned(&self, page: &mut String) {
-        let (Some(Thinned { of, every }), kept) = (self.thinned, self.recording.times.len()) else { return };
+        let (Some(Thinned { of, every }), drawn) = (self.thinned, self.recording.times.len()) else { return };
         let rows = every.map_or_else(|| "has all points".to_owned(), |every| format!("has one row every {every} s"));
         let _ = writeln!(
             page,
-            "<p id=\"thinned\">{kept} of {of} points are drawn: from each group of neighbours, those at which a \
+            "<p id=\"thinned\">{drawn} of {of} points are drawn: from each group of neighbours, those at which a \
              curve is smallest or largest. {TABLE} {rows}; metrics use all points.</p>"
         );
     }

@@ -29,7 +29,7 @@ enum Kind {
     /// Linear between the times; two equal times are a jump.
     Continuous,
     /// Value of the last time.
-    Held,
+    Sampled,
     Integer,
     Boolean,
 }
@@ -133,7 +133,7 @@ impl Inputs {
         description: &ModelDescription,
         times: &[f64],
         columns: &[&TableColumn],
-        is_held: bool,
+        is_sampled: bool,
     ) -> Result<Self, String> {
         if let Some(row) =
             (1..times.len()).find(|&row| times[row].total_cmp(&times[row - 1]).is_le() || times[row].is_nan())
@@ -149,7 +149,7 @@ impl Inputs {
             let at = |row: usize| format!(", at {} s", times[row]);
             let wrong = |Wrong { row, reason }: Wrong| format!("{reason}{}", row.map_or(String::new(), at));
             let read = Column::read(column, variable).map_err(wrong)?;
-            let kind = if is_held && read.kind == Kind::Continuous { Kind::Held } else { read.kind };
+            let kind = if is_sampled && read.kind == Kind::Continuous { Kind::Sampled } else { read.kind };
             Ok(Column { kind, ..read })
         };
         let columns = columns.iter().map(column).collect::<Result<_, _>>()?;
@@ -204,7 +204,7 @@ impl Inputs {
         for column in &self.columns {
             let (reference, value) = ([column.reference], self.value(column, time));
             match column.kind {
-                Kind::Continuous | Kind::Held => instance.set_real(&reference, &[value])?,
+                Kind::Continuous | Kind::Sampled => instance.set_real(&reference, &[value])?,
                 Kind::Integer => instance.set_integer(&reference, &[value as i32])?,
                 Kind::Boolean => instance.set_boolean(&reference, &[value as i32])?,
             }
@@ -306,7 +306,7 @@ impl Column {
     fn of(variable: &Variable) -> Self {
         let kind = match (variable.kind.as_str(), variable.variability.as_str()) {
             ("Real", "continuous") => Kind::Continuous,
-            ("Real", _) => Kind::Held,
+            ("Real", _) => Kind::Sampled,
             ("Boolean", _) => Kind::Boolean,
             _ => Kind::Integer,
         };
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn a_discrete_input_is_constant_between_its_rows() {
-        let inputs = inputs(Kind::Held);
+        let inputs = inputs(Kind::Sampled);
         assert_eq!([0.5, 1.0, 1.9].map(|time| inputs.value(&inputs.columns[0], time)), [1.0, 5.0, 5.0]);
     }
 }

@@ -105,7 +105,7 @@ impl Replay {
         let mut compared = Vec::new();
         for (name, recorded) in &self.compared {
             let Some(own) = recording.column(name).map(<[f64]>::to_vec) else { continue };
-            let at: Vec<_> = recording.times.iter().map(|&time| self.held(recorded, time)).collect();
+            let at: Vec<_> = recording.times.iter().map(|&time| self.sampled(recorded, time)).collect();
             let unit = recording.measure(name).unwrap_or_default().to_owned();
             let difference = Difference::least(&own, &at, &recording.times);
             let of = |difference| Compared { name: name.clone(), unit: unit.clone(), difference };
@@ -125,7 +125,7 @@ impl Replay {
     }
 
     /// A column at a time, with a zero-order hold.
-    fn held(&self, values: &[f64], time: f64) -> f64 {
+    fn sampled(&self, values: &[f64], time: f64) -> f64 {
         // Times of a grid and of a record may differ by rounding.
         let after = self.times.partition_point(|&row| row <= time + 1e-9 * time.abs().max(1e-9));
         values[after.saturating_sub(1)]

@@ -75,15 +75,15 @@ impl fmt::Display for Finding {
 pub struct Findings {
     /// The version of the standard that the FMU is of.
     pub(super) standard: Standard,
-    kept: Vec<Finding>,
+    listed: Vec<Finding>,
     errors: usize,
     warnings: usize,
 }
 
 impl Findings {
     /// The findings, those beyond a thousand left out.
-    pub fn kept(&self) -> &[Finding] {
-        &self.kept
+    pub fn listed(&self) -> &[Finding] {
+        &self.listed
     }
 
     /// How many there are, those left out too.
@@ -111,12 +111,20 @@ impl Findings {
     }
 
     fn keep(&mut self, severity: Severity, at: At, what: String, section: &'static str, advice: String) {
-        if self.kept.len() < MOST {
+        if self.listed.len() < MOST {
             let [what, advice] = [what, advice].map(|text| shortened(&text, LONGEST_TEXT).into_owned());
             // Sections are those of FMI 2.0.
             let section = if self.standard == Standard::Fmi2 { section } else { "" };
             let standard = self.standard.version();
-            self.kept.push(Finding { severity, line: at.line, variable: at.variable, what, standard, section, advice });
+            self.listed.push(Finding {
+                severity,
+                line: at.line,
+                variable: at.variable,
+                what,
+                standard,
+                section,
+                advice,
+            });
         }
     }
 }

@@ -183,8 +183,8 @@ fn recorded(arguments: &Arguments, fmu: &Fmu, read: &Read, outputs: &[String]) -
     };
     let outputs = outputs.iter().map(measured).collect::<Result<_, _>>()?;
     let inputs = arguments.inputs().iter().map(column).collect::<Result<Vec<_>, Error>>()?;
-    let is_held = matches!(arguments.hold, HoldOf::ZeroOrder);
-    let inputs = Inputs::of_columns(&fmu.description, &record.time, &inputs, is_held).map_err(refuse)?;
+    let is_sampled = matches!(arguments.hold, HoldOf::ZeroOrder);
+    let inputs = Inputs::of_columns(&fmu.description, &record.time, &inputs, is_sampled).map_err(refuse)?;
     Ok(Recorded { name: record.name.clone(), inputs, outputs })
 }
 

@@ -39,8 +39,8 @@ impl Law<'_> {
     /// A state or a discrete variable is there with all its elements.
     fn complete(&mut self) {
         let variables = self.variables();
-        let kept = |v: &&Variable| matches!(v.section, Section::State | Section::Discrete | Section::Memory);
-        for variable in variables.iter().filter(kept) {
+        let is_stored = |v: &&Variable| matches!(v.section, Section::State | Section::Discrete | Section::Memory);
+        for variable in variables.iter().filter(is_stored) {
             let first = variables.index(variable.element(0));
             let live = if variable.is_real() { &mut self.live.reals } else { &mut self.live.integers };
             let all = &mut live[first..first + variable.len()];

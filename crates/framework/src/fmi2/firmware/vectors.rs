@@ -133,9 +133,9 @@ pub(super) fn started(law: &Law, model: &Arc<Model>, method: IntegrationMethod) 
     // Items of enumerations are counted from 1.
     let item = |place: Option<usize>| place.map_or(1, |place| place as i32 + 1);
     let method = IntegrationMethod::ITEMS.iter().position(|(item, ..)| *item == method);
-    let held = InputHandling::ITEMS.iter().position(|(item, ..)| *item == InputHandling::Hold);
+    let sampled = InputHandling::ITEMS.iter().position(|(item, ..)| *item == InputHandling::Hold);
     let chosen =
-        [("integration_method", item(method)), ("fixed_steps", law.substeps as i32), ("input_handling", item(held))];
+        [("integration_method", item(method)), ("fixed_steps", law.substeps as i32), ("input_handling", item(sampled))];
     let chosen = chosen.map(|(name, value)| variables.find(name).map(|element| (variables.index(element), value)));
     let block = execution.block_mut();
     block.copy_from(&law.start);

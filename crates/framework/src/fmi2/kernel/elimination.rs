@@ -94,8 +94,8 @@ fn decompose(sparsity: &Sparsity, pattern: &Pattern, rows: &[(&[u32], &[u32])]) 
 fn eliminated(mut row: Row, i: usize, left: &[u32], above: &[Row]) -> (Row, Condition) {
     let place = |row: &Row, column: u32| row.partition_point(|(known, _)| *known < column);
     let diagonal = place(&row, i as u32);
-    let held = row[diagonal].1.abs();
-    let mut sum = held;
+    let size = row[diagonal].1.abs();
+    let mut sum = size;
     for (at, &k) in left.iter().enumerate() {
         let source = &above[k as usize];
         let pivot = place(source, k);
@@ -113,7 +113,7 @@ fn eliminated(mut row: Row, i: usize, left: &[u32], above: &[Row]) -> (Row, Cond
     }
     let pivot = row[diagonal].1;
     let least = sum * LOST;
-    let is_accurate = sum.at_most(Recorded::from(f64::MAX)) & least.below(pivot.abs()) & least.below(held);
+    let is_accurate = sum.at_most(Recorded::from(f64::MAX)) & least.below(pivot.abs()) & least.below(size);
     row[diagonal].1 = Recorded::from(1.0) / pivot;
     (row, is_accurate)
 }

@@ -151,7 +151,7 @@ impl<'a> Function<'a> {
             if !self.computed(taken.index(), scope) {
                 return false;
             }
-            scope.found[place] = Some(self.kept(place, scope.of(*taken).clone(), scope));
+            scope.found[place] = Some(self.named_or_inline(place, scope.of(*taken).clone(), scope));
             return true;
         }
         if let Operation::Select(condition, yes, no) = operation
@@ -177,7 +177,7 @@ impl<'a> Function<'a> {
             Operation::Iterate { body, most, start, captured } => {
                 self.iteration(body, *most, (start, captured), place, scope)
             }
-            _ => self.kept(place, expression(operation, scope), scope),
+            _ => self.named_or_inline(place, expression(operation, scope), scope),
         };
         scope.found[place] = Some(found);
         true
@@ -216,7 +216,7 @@ impl<'a> Function<'a> {
         let Operation::Select(condition, ..) = scope.operations[place] else { unreachable!("it is a selection") };
         let condition = scope.of(condition).condition();
         if taken.0.is_empty() && other.0.is_empty() {
-            return self.kept(place, Expression::select(&condition, &taken.1, &other.1), scope);
+            return self.named_or_inline(place, Expression::select(&condition, &taken.1, &other.1), scope);
         }
         let kind = Expression::select(&condition, &taken.1, &other.1).kind;
         let (name, of) = self.new_name(place, (scope.named)(Node::at(place)), kind, scope);
@@ -234,7 +234,7 @@ impl<'a> Function<'a> {
     }
 
     /// An expression as it is, or by the name that it gets.
-    fn kept(&mut self, place: usize, found: Expression, scope: &mut Scope) -> Expression {
+    fn named_or_inline(&mut self, place: usize, found: Expression, scope: &mut Scope) -> Expression {
         let own = (scope.named)(Node::at(place));
         let is_short = scope.uses[place] <= 1 && found.size <= LARGEST;
         if found.known.is_some() || own.is_none() && (found.size == 0 || is_short) {

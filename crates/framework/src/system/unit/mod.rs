@@ -136,7 +136,7 @@ impl Unit {
                     format!("must be at most {LONGEST} characters, with no control character and no space around");
                 return Err(Invalid::new(format!("unit of {name}"), format!("`{unit}`"), allowed));
             }
-            Ok(kept(unit))
+            Ok(interned(unit))
         };
         units.iter().map(symbol).collect()
     }
@@ -153,9 +153,9 @@ impl Unit {
         }
         match symbol.split_once('/') {
             None if symbol.is_empty() || symbol.contains([' ', '(', ')']) => "",
-            None => kept(&format!("{symbol}/s")),
+            None => interned(&format!("{symbol}/s")),
             Some((over, under)) if under.contains(['/', '(', ')', '.', '*', ' ']) || over.contains(['(', ')']) => "",
-            Some((over, under)) => kept(&format!("{over}/({under}.s)")),
+            Some((over, under)) => interned(&format!("{over}/({under}.s)")),
         }
     }
 }
@@ -165,7 +165,7 @@ fn common(symbol: &str) -> Option<&'static Common> {
 }
 
 /// A text that stays as long as the program runs: descriptions give few, and each is stored once.
-fn kept(text: &str) -> &'static str {
+fn interned(text: &str) -> &'static str {
     static TEXTS: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
     if let Some(common) = common(text) {
         return common.symbol;

@@ -99,12 +99,13 @@ impl Experiment {
         let outputs: Vec<_> = (0..count).map(|k| named(output, k)).collect();
         let of_input = find(demonstration.input).map(|variable| variable.element(0).unit());
         let units = of_input.into_iter().chain((0..count).map(|k| output.element(k).unit())).collect();
-        let held = demonstration.held.iter().filter_map(|name| find(name));
-        let held: Vec<usize> = held.flat_map(|variable| (0..variable.len()).map(|k| place(variable, k))).collect();
+        let constant = demonstration.constant_inputs.iter().filter_map(|name| find(name));
+        let constant: Vec<usize> =
+            constant.flat_map(|variable| (0..variable.len()).map(|k| place(variable, k))).collect();
         let of_work = find("work_limit").map(|variable| place(variable, 0));
         let mut execution = Execution::new(model);
         of_work.into_iter().for_each(|place| execution.set_real(place, MOST_WORK));
-        held.into_iter().for_each(|place| execution.set_real(place, 0.0));
+        constant.into_iter().for_each(|place| execution.set_real(place, 0.0));
         Some(Experiment { execution, demonstration: *demonstration, scale, input, outputs, units })
     }
 

@@ -14,17 +14,17 @@ const END: &str = "<!-- end -->";
 
 /// The text without the parts that apply to none of some structures, and without the lines that mark parts.
 pub fn having(markdown: &str, structures: &[&Table]) -> String {
-    let (mut kept, mut within) = (String::new(), Vec::new());
+    let (mut text, mut within) = (String::new(), Vec::new());
     for line in markdown.lines() {
         if let Some(condition) = condition(line) {
             within.push(structures.iter().any(|structure| holds(condition, structure)));
         } else if line.trim() == END && within.pop().is_some() {
         } else if within.iter().all(|holds| *holds) {
-            kept.push_str(line);
-            kept.push('\n');
+            text.push_str(line);
+            text.push('\n');
         }
     }
-    kept
+    text
 }
 
 /// The condition in a line that begins a part.
@@ -98,9 +98,11 @@ mod tests {
         let mut count = 0;
         for entry in CATALOGUE {
             // A page may contain another's, parts of which are then never shown.
-            let held = CATALOGUE.iter().filter(|other| entry.kind.documentation.contains(other.kind.documentation));
-            let schema = |held: &Entry| (held.schema)(schemars::SchemaGenerator::default()).to_value().to_string();
-            let schema: String = held.map(schema).collect();
+            let contained =
+                CATALOGUE.iter().filter(|other| entry.kind.documentation.contains(other.kind.documentation));
+            let schema =
+                |contained: &Entry| (contained.schema)(schemars::SchemaGenerator::default()).to_value().to_string();
+            let schema: String = contained.map(schema).collect();
             let text = [entry.kind.documentation, entry.guide.purpose, entry.guide.limits].join("\n");
             let conditions: Vec<&str> = text.lines().filter_map(condition).collect();
             for term in

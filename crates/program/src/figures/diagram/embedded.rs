@@ -84,10 +84,10 @@ impl Diagram<'_> {
     fn seen(&self, points: &[(f64, f64)], (from, to): (f64, f64), parts: usize) -> Vec<(f64, f64)> {
         let across = self.axis(from, to).places();
         let place = |(time, value): &(f64, f64)| ((time - from) / (to - from) * WIDTH, across(*value));
-        let mut kept: Vec<(f64, f64)> = Vec::new();
+        let mut drawn: Vec<(f64, f64)> = Vec::new();
         for part in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()) {
             if !part.iter().all(|(_, value)| value.is_finite()) {
-                kept.extend(part.first());
+                drawn.extend(part.first());
                 continue;
             }
             let screen: Vec<_> = part.iter().map(place).collect();
@@ -101,9 +101,9 @@ impl Diagram<'_> {
             places.extend((0..part.len()).max_by(by_value));
             places.sort_unstable();
             places.dedup();
-            kept.extend(places.into_iter().map(|place| part[place]));
+            drawn.extend(places.into_iter().map(|place| part[place]));
         }
-        kept
+        drawn
     }
 }
 

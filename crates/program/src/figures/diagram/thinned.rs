@@ -8,18 +8,18 @@ pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> 
     if size == 1 {
         return times.iter().copied().zip(values.iter().copied()).collect();
     }
-    let mut kept = Vec::new();
+    let mut drawn = Vec::new();
     for (group, part) in values.chunks(size).enumerate() {
         let places = group * size..group * size + part.len();
         let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
-        kept.extend(places.clone().min_by(by_value));
-        kept.extend(places.clone().max_by(by_value));
-        kept.extend(places.clone().find(|&place| !values[place].is_finite()));
-        kept.extend(places.filter(|&place| place == 0 || place == last));
+        drawn.extend(places.clone().min_by(by_value));
+        drawn.extend(places.clone().max_by(by_value));
+        drawn.extend(places.clone().find(|&place| !values[place].is_finite()));
+        drawn.extend(places.filter(|&place| place == 0 || place == last));
     }
-    kept.sort_unstable();
-    kept.dedup();
-    kept.into_iter().map(|place| (times[place], values[place])).collect()
+    drawn.sort_unstable();
+    drawn.dedup();
+    drawn.into_iter().map(|place| (times[place], values[place])).collect()
 }
 
 /// Places of points of a line that stays within a distance of all its points: the first and the last, and of every part
@@ -27,17 +27,17 @@ pub fn thinned(times: &[f64], values: &[f64], groups: usize) -> Vec<(f64, f64)> 
 /// finite.
 pub fn simplified(points: &[(f64, f64)], distance: f64) -> Vec<usize> {
     let last = points.len().saturating_sub(1);
-    let mut kept = vec![0];
-    kept.truncate(points.len());
+    let mut chosen = vec![0];
+    chosen.truncate(points.len());
     let mut parts = vec![(0, last)];
     while let Some((from, to)) = parts.pop() {
         match farthest(points, (from, to), distance) {
             Some(place) => parts.extend([(place, to), (from, place)]),
-            None if to > from => kept.push(to),
+            None if to > from => chosen.push(to),
             None => {}
         }
     }
-    kept
+    chosen
 }
 
 /// The farthest point from the line between two others, the last of several; none if no distance is larger than this
@@ -103,9 +103,9 @@ mod tests {
     #[test]
     fn a_simplified_line_stays_near_all_its_points_and_keeps_corners() {
         let sine: Vec<_> = times(1001).into_iter().map(|t| (t, 100.0 * (t / 100.0).sin())).collect();
-        let kept = simplified(&sine, 0.1);
-        assert!(kept.len() < 120 && kept.is_sorted() && kept.first() == Some(&0) && kept.last() == Some(&1000));
-        for ends in kept.windows(2) {
+        let drawn = simplified(&sine, 0.1);
+        assert!(drawn.len() < 120 && drawn.is_sorted() && drawn.first() == Some(&0) && drawn.last() == Some(&1000));
+        for ends in drawn.windows(2) {
             let away = from_segment(sine[ends[0]], sine[ends[1]]);
             let worst = (ends[0]..=ends[1]).map(|k| away(sine[k])).map(|(x, y)| x.hypot(y));
             assert!(worst.fold(0.0, f64::max) <= 0.1);

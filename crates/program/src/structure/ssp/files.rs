@@ -31,7 +31,7 @@ enum Place {
     Folder(PathBuf),
     Unpacked(Scratch),
     /// In memory: the structure if there is one, and descriptions by the names of their FMUs.
-    Held(Option<String>, BTreeMap<String, Source>),
+    InMemory(Option<String>, BTreeMap<String, Source>),
 }
 
 /// True if a path lies in the folder that it starts from: no URL, no way up, nothing that a tool might decode.
@@ -150,10 +150,10 @@ impl LoopFiles {
     }
 
     /// A structure and descriptions that are in no folder.
-    pub fn held(structure: Option<String>, descriptions: impl IntoIterator<Item = Source>) -> Self {
+    pub fn in_memory(structure: Option<String>, descriptions: impl IntoIterator<Item = Source>) -> Self {
         let name = |source: &Source| source.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let held = descriptions.into_iter().map(|source| (name(&source), source)).collect();
-        LoopFiles { shown: PathBuf::new(), place: Place::Held(structure, held), structure: STRUCTURE.to_owned() }
+        let sources = descriptions.into_iter().map(|source| (name(&source), source)).collect();
+        LoopFiles { shown: PathBuf::new(), place: Place::InMemory(structure, sources), structure: STRUCTURE.to_owned() }
     }
 
     /// The loop.
@@ -228,7 +228,7 @@ impl LoopFiles {
         let failed = |error| Error::file(self.path(name))(error);
         let found = match &self.place {
             Place::Program(files) => files.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned()),
-            Place::Held(structure, _) => structure.clone().filter(|_| name == self.structure),
+            Place::InMemory(structure, _) => structure.clone().filter(|_| name == self.structure),
             Place::Folder(_) | Place::Unpacked(_) => {
                 let folder = self.folder().unwrap_or(Path::new(""));
                 return text_file::read(&folder.join(name)).map_err(failed);
@@ -239,7 +239,7 @@ impl LoopFiles {
 
     fn folder(&self) -> Option<&Path> {
         match &self.place {
-            Place::Program(_) | Place::Held(..) => None,
+            Place::Program(_) | Place::InMemory(..) => None,
             Place::Folder(folder) => Some(folder),
             Place::Unpacked(folder) => Some(folder.path()),
         }
@@ -250,9 +250,9 @@ impl LoopFiles {
     /// # Errors
     /// If there is none, with the reason.
     pub(super) fn unit(&self, source: &str) -> Result<(String, UnitFile), String> {
-        if let Place::Held(_, held) = &self.place {
+        if let Place::InMemory(_, sources) = &self.place {
             let stem = Path::new(source).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            if held.contains_key(&stem) {
+            if sources.contains_key(&stem) {
                 return Ok((stem, UnitFile::Named));
             }
         }
@@ -261,8 +261,8 @@ impl LoopFiles {
 
     /// The description of an FMU, if there is one next to the structure, in its resources, or in its archive there.
     pub(super) fn description(&self, fmu: &str) -> Result<Option<Source>, Error> {
-        if let Place::Held(_, held) = &self.place {
-            return Ok(held.get(fmu).cloned());
+        if let Place::InMemory(_, sources) = &self.place {
+            return Ok(sources.get(fmu).cloned());
         }
         let names = [format!("{fmu}.toml"), format!("resources/{fmu}.toml")];
         let lies_there = |name: &&String| self.folder().is_some_and(|folder| folder.join(name).is_file());
@@ -290,7 +290,7 @@ impl LoopFiles {
     pub fn parameter_files(&self) -> Vec<String> {
         let is_set = |name: &String| name.ends_with(".ssv") && is_inside(name);
         let mut names: Vec<String> = match (&self.place, self.folder()) {
-            (Place::Held(..), _) => Vec::new(),
+            (Place::InMemory(..), _) => Vec::new(),
             (Place::Program(files), _) => files.iter().map(|(name, _)| (*name).to_owned()).filter(is_set).collect(),
             (_, folder) => {
                 let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

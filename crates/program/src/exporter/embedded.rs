@@ -8,23 +8,23 @@ use super::platform::Platform;
 use crate::cache::{self, Entry};
 use crate::scratch::Scratch;
 
-static HELD: OnceLock<&'static [u8]> = OnceLock::new();
+static EMBEDDED: OnceLock<&'static [u8]> = OnceLock::new();
 /// Folder into which it was unpacked without a cache.
 static UNPACKED: Mutex<Option<Scratch>> = Mutex::new(None);
 
 /// Sets the library within the program.
 pub fn hold(library: &'static [u8]) {
-    let _ = HELD.set(library);
+    let _ = EMBEDDED.set(library);
 }
 
 /// Its file: in the user's cache folder, else in a temporary one. None if the program contains no library, or if no
 /// file can be written.
 pub(super) fn file() -> Option<PathBuf> {
-    let bytes = *HELD.get()?;
+    let bytes = *EMBEDDED.get()?;
     let checksum = cache::digest(bytes);
-    if let Some(kept) = Entry::of(cache::LIBRARY, &[&checksum]).filter(|kept| kept.holds(bytes)) {
-        cache::known_or(kept.file(), bytes.len(), || checksum);
-        return Some(kept.file().to_owned());
+    if let Some(cached) = Entry::of(cache::LIBRARY, &[&checksum]).filter(|cached| cached.holds(bytes)) {
+        cache::known_or(cached.file(), bytes.len(), || checksum);
+        return Some(cached.file().to_owned());
     }
     let mut unpacked = UNPACKED.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = match &mut *unpacked {

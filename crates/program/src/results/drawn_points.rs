@@ -16,7 +16,7 @@ const OF_CURVE: usize = 3;
 
 /// Stored points, in groups of neighbours.
 #[derive(Debug)]
-pub(super) struct Kept {
+pub(super) struct DrawnPoints {
     curves: Vec<Shows>,
     points: Recording,
     groups: Vec<Group>,
@@ -29,7 +29,7 @@ pub(super) struct Kept {
 /// A group of neighbours: number of stored points, and of all points.
 #[derive(Debug, Clone, Copy)]
 struct Group {
-    kept: usize,
+    stored: usize,
     of: usize,
 }
 
@@ -47,7 +47,7 @@ impl Shows {
     }
 }
 
-impl Kept {
+impl DrawnPoints {
     /// Returns an empty store for the diagrams and metrics of a loop with these signals.
     ///
     /// # Errors
@@ -67,7 +67,7 @@ impl Kept {
         let curves = curves(structure, &none)?;
         let least = LEAST_GROUPS * (OF_CURVE * curves.len() + 2);
         let most = (values / (names.len() + 1)).max(least);
-        Ok(Kept { curves, points: none, groups: Vec::new(), size: 2, most })
+        Ok(DrawnPoints { curves, points: none, groups: Vec::new(), size: 2, most })
     }
 
     /// Chooses among further points.
@@ -79,10 +79,10 @@ impl Kept {
             let to = (from + if room > 0 { room } else { self.size }).min(points.times.len());
             let start = *self.points.times.first().or(points.times.first()).unwrap_or(&0.0);
             let chosen = self.chosen(points, from..to, start);
-            self.groups.push(Group { kept: chosen.len(), of: to - from });
+            self.groups.push(Group { stored: chosen.len(), of: to - from });
             self.points.times.extend(chosen.iter().map(|&row| points.times[row]));
-            for (kept, column) in self.points.columns.iter_mut().zip(&points.columns) {
-                kept.extend(chosen.iter().map(|&row| column[row]));
+            for (stored, column) in self.points.columns.iter_mut().zip(&points.columns) {
+                stored.extend(chosen.iter().map(|&row| column[row]));
             }
             if room > 0 {
                 self.merge(self.groups.len() - 2);
@@ -130,24 +130,24 @@ impl Kept {
     /// Merges neighbouring groups, from one on, if they fit into one. Choosing from their stored points gives the same
     /// as choosing from all their points.
     fn merge(&mut self, first: usize) {
-        let from: usize = self.groups[..first].iter().map(|group| group.kept).sum();
+        let from: usize = self.groups[..first].iter().map(|group| group.stored).sum();
         let start = self.points.times[0];
-        let (mut merged, mut kept, mut begin) = (Vec::<Group>::new(), Vec::new(), from);
+        let (mut merged, mut rows, mut begin) = (Vec::<Group>::new(), Vec::new(), from);
         let mut parts = self.groups[first..].iter().copied().peekable();
         while let Some(mut group) = parts.next() {
             while let Some(next) = parts.next_if(|next| group.of + next.of <= self.size) {
-                group = Group { kept: group.kept + next.kept, of: group.of + next.of };
+                group = Group { stored: group.stored + next.stored, of: group.of + next.of };
             }
-            let chosen = self.chosen(&self.points, begin..begin + group.kept, start);
-            begin += group.kept;
-            merged.push(Group { kept: chosen.len(), ..group });
-            kept.extend(chosen);
+            let chosen = self.chosen(&self.points, begin..begin + group.stored, start);
+            begin += group.stored;
+            merged.push(Group { stored: chosen.len(), ..group });
+            rows.extend(chosen);
         }
         self.groups.truncate(first);
         self.groups.extend(merged);
         for column in std::iter::once(&mut self.points.times).chain(&mut self.points.columns) {
-            kept.iter().enumerate().for_each(|(place, &row)| column[from + place] = column[row]);
-            column.truncate(from + kept.len());
+            rows.iter().enumerate().for_each(|(place, &row)| column[from + place] = column[row]);
+            column.truncate(from + rows.len());
         }
     }
 }
@@ -213,14 +213,14 @@ mod tests {
         Recording { measures: vec![String::new(); 4], names, times, columns, ..Recording::default() }
     }
 
-    fn kept(whole: &Recording, values: usize, block: usize) -> Kept {
-        let mut kept = Kept::with_most(&structure(), whole, values).unwrap();
+    fn drawn(whole: &Recording, values: usize, block: usize) -> DrawnPoints {
+        let mut drawn = DrawnPoints::with_most(&structure(), whole, values).unwrap();
         for from in (0..whole.times.len()).step_by(block) {
             let rows = from..(from + block).min(whole.times.len());
             let columns = whole.columns.iter().map(|column| column[rows.clone()].to_vec()).collect();
-            kept.add(&Recording { times: whole.times[rows.clone()].to_vec(), columns, ..Recording::default() });
+            drawn.add(&Recording { times: whole.times[rows.clone()].to_vec(), columns, ..Recording::default() });
         }
-        kept
+        drawn
     }
 
     /// The values of a curve, without gaps.
@@ -233,10 +233,10 @@ mod tests {
         for (count, values, block) in [(20_000, 4000, 777), (20_000, 1, 20_000), (5000, 9000, 1), (31, 1, 7), (2, 1, 1)]
         {
             let (whole, case) = (whole(count), (count, values, block));
-            let kept = kept(&whole, values, block);
-            let points = &kept.points;
-            assert!(points.times.len() <= kept.most, "{case:?}: {} points", points.times.len());
-            assert_eq!(kept.groups.iter().map(|group| group.of).sum::<usize>(), whole.times.len());
+            let drawn = drawn(&whole, values, block);
+            let points = &drawn.points;
+            assert!(points.times.len() <= drawn.most, "{case:?}: {} points", points.times.len());
+            assert_eq!(drawn.groups.iter().map(|group| group.of).sum::<usize>(), whole.times.len());
             // All signals in recorded rows, in their order, from the first to the last.
             let rows: Vec<_> =
                 points.times.iter().map(|time| whole.times.binary_search_by(|t| t.total_cmp(time)).unwrap()).collect();
@@ -249,14 +249,14 @@ mod tests {
                 assert!(column.iter().zip(&rows).all(|(value, &row)| value.to_bits() == all[row].to_bits()));
             }
             let (mut begin, mut first) = (0, 0);
-            for Group { kept: count, of } in &kept.groups {
-                for curve in &kept.curves {
+            for Group { stored: count, of } in &drawn.groups {
+                for curve in &drawn.curves {
                     let ends = |values: Vec<f64>| {
                         (values.iter().copied().fold(f64::NAN, f64::min), values.into_iter().fold(f64::NAN, f64::max))
                     };
-                    let of_kept = ends(finite(curve, points, begin..begin + count).collect());
+                    let of_stored = ends(finite(curve, points, begin..begin + count).collect());
                     let of_all = ends(finite(curve, &whole, first..first + of).collect());
-                    assert_eq!(format!("{of_kept:?}"), format!("{of_all:?}"), "{case:?}, {curve:?}");
+                    assert_eq!(format!("{of_stored:?}"), format!("{of_all:?}"), "{case:?}, {curve:?}");
                 }
                 (begin, first) = (begin + count, first + of);
             }
@@ -268,17 +268,17 @@ mod tests {
 
     #[test]
     fn what_is_drawn_and_what_is_measured_is_looked_at_once() {
-        let kept = Kept::with_most(&structure(), &whole(6), 1).unwrap();
+        let drawn = DrawnPoints::with_most(&structure(), &whole(6), 1).unwrap();
         // y, r, u, |y - r| in its diagram and as a metric, and in parts of its funnel.
-        assert_eq!(kept.curves.len(), 5);
+        assert_eq!(drawn.curves.len(), 5);
         let mut other = structure();
         other.plots[0].signals.push("p.z".into());
-        assert!(Kept::new(&other, &whole(6)).unwrap_err().contains("`p.z`"));
+        assert!(DrawnPoints::new(&other, &whole(6)).unwrap_err().contains("`p.z`"));
     }
 
     #[test]
     fn a_long_run_keeps_as_many_points_as_one_a_tenth_as_long() {
-        let counts = [10_000, 100_000].map(|count| kept(&whole(count), 10_000, 5000).points.times.len());
+        let counts = [10_000, 100_000].map(|count| drawn(&whole(count), 10_000, 5000).points.times.len());
         assert!(counts.iter().all(|count| (700..=2000).contains(count)), "{counts:?}");
     }
 }
