@@ -55,7 +55,7 @@ SHARED = {"exported", "fmus", "unpacked"}
 
 def pytest_report_header() -> str:
     """What is looked at."""
-    return sample.TOLD
+    return sample.SUMMARY
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -77,7 +77,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """A failure tells what was looked at."""
     if terminalreporter.stats.get("failed") or terminalreporter.stats.get("error"):
-        terminalreporter.write_line(sample.TOLD)
+        terminalreporter.write_line(sample.SUMMARY)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

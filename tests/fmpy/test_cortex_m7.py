@@ -70,8 +70,8 @@ each_unit = pytest.mark.parametrize("row", table("FMU with sources"), ids=lambda
 
 
 @dataclass
-class Told:
-    """What a run on the target told."""
+class Measured:
+    """Results of a run on the target."""
 
     instructions: np.ndarray
     outputs: np.ndarray
@@ -154,11 +154,11 @@ def law_object(laws: Laws, tmp_path_factory: pytest.TempPathFactory) -> Callable
 
 
 @pytest.fixture(scope="module")
-def on_target(laws: Laws, law_object, tmp_path_factory) -> Callable[..., Told]:
+def on_target(laws: Laws, law_object, tmp_path_factory) -> Callable[..., Measured]:
     """Runs a controller's law on the emulated target over its recorded inputs, or hostile ones, once."""
 
     @functools.cache
-    def run(name: str, steps: int, are_hostile: bool = False) -> Told:
+    def run(name: str, steps: int, are_hostile: bool = False) -> Measured:
         made = tmp_path_factory.mktemp("target")
         inputs = inputs_of(laws, name)
         outputs = laws.outputs(name, steps, inputs[:1]).shape[1]
@@ -175,7 +175,7 @@ def program(folder: Path, law: Path, made: Path) -> Path:
     return made / "program.elf"
 
 
-def emulated(made: Path) -> Told:
+def emulated(made: Path) -> Measured:
     machine = ["-M", "mps2-an500", "-display", "none", "-serial", "none", "-monitor", "none"]
     counting = ["-icount", f"shift={SHIFT}", "-semihosting-config", "enable=on,target=native"]
     command = [EMULATOR, *machine, *counting, "-kernel", made]
@@ -187,7 +187,7 @@ def emulated(made: Path) -> Told:
     results = {words[0]: int(words[1], 16) for words in lines if words[0] in ("refused", "empty", "stack")}
     ticks = np.array([int(words[0], 16) for words in steps])
     outputs = [[struct.unpack(">d", bytes.fromhex(bits))[0] for bits in words[1:]] for words in steps]
-    return Told(np.rint((ticks - results["empty"]) * TICK / 2**SHIFT), np.array(outputs), results["stack"], results["refused"])
+    return Measured(np.rint((ticks - results["empty"]) * TICK / 2**SHIFT), np.array(outputs), results["stack"], results["refused"])
 
 
 def as_documented(measured: float, cell: str) -> bool:

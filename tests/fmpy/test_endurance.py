@@ -45,7 +45,7 @@ USERS = [
     *[("funnel", "FALLING"), ("mrac-ppf", "COUPLED"), ("mrac-ppf", "LAG")],
     *[("mrac-ppf-unmatched", plant) for plant in ("SPRING", "FALLING", "COUPLED")],
 ]
-HELD = ("mrac-ppf", "mrac-ppf-unmatched", "funnel", "l1-ppf", "neuro-ppf")
+WITH_FUNNEL = ("mrac-ppf", "mrac-ppf-unmatched", "funnel", "l1-ppf", "neuro-ppf")
 WATCHED = re.compile(r"((theta|sigma|omega|kappa)_hat|sigma_integral|u_ad|I|w|z)\[")
 
 
@@ -119,7 +119,7 @@ def test_a_loop_that_a_user_makes_goes_on_for_5000_s_with_noise(kind: str, plant
     names = made(tmp_path, kind, globals()[plant])
     table = ran(tmp_path, 5000.0, 10_000)
     assert table["time"][-1] == 5000.0
-    most = REOPENED if kind == "funnel" else WIDTH if kind in HELD else SETTLED
+    most = REOPENED if kind == "funnel" else WIDTH if kind in WITH_FUNNEL else SETTLED
     assert error(table, globals()[plant], 100, 5000) < most
     if names:
         before, last = (largest(table, names, *span) for span in ((3000, 4000), (4000, 5000)))
@@ -137,7 +137,7 @@ def test_a_wider_funnel_is_never_left(tmp_path: Path) -> None:
 def test_a_loop_that_a_user_makes_goes_on_with_noise(kind: str, plant: str, tmp_path: Path) -> None:
     made(tmp_path, kind, globals()[plant])
     table = ran(tmp_path, 100.0, 1000)
-    assert error(table, globals()[plant], 20, 100) < (WIDTH if kind in HELD else SETTLED)
+    assert error(table, globals()[plant], 20, 100) < (WIDTH if kind in WITH_FUNNEL else SETTLED)
     if kind.startswith("mrac-ppf"):
         assert table["controller.funnel_reopened"][-1] == 0
 

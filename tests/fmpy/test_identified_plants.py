@@ -53,7 +53,7 @@ def held_out(model: dict, step: float, u: Array, measured: Array) -> Array:
 
 @pytest.mark.parametrize("draw", range(DRAWS))
 @pytest.mark.parametrize("name", MACHINES)
-def test_a_model_follows_what_was_held_out_or_the_reason_is_said(name: str, draw: int, tmp_path: Path) -> None:
+def test_a_model_follows_what_was_held_out_or_the_reason_is_reported(name: str, draw: int, tmp_path: Path) -> None:
     plant, u, measured, noise, decibels = drawn(name, draw, tmp_path)
     done = program(tmp_path, "identify", "record.csv", *plant.signals)
     print(f"{name} {decibels:.0f} dB: {done.returncode}", *[line for line in done.stdout.splitlines() if line.startswith("not sound")])

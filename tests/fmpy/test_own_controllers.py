@@ -161,7 +161,7 @@ def test_check_reports_what_the_worst_plant_does(drive: Drive, begun) -> None:
     assert (found["settling time"], found["overshoot"] / 100) == pytest.approx(drive.worst, rel=0.01)
 
 
-def follows_as_said(drive: Drive, time: np.ndarray, y: np.ndarray, u: np.ndarray) -> None:
+def follows_as_predicted(drive: Drive, time: np.ndarray, y: np.ndarray, u: np.ndarray) -> None:
     height, (settling, overshoot) = float(drive.reference), drive.worst
     assert settled(time, y, height) < 1.1 * settling
     assert y.max() < (1 + 1.1 * overshoot + 0.02) * height
@@ -172,13 +172,13 @@ def follows_as_said(drive: Drive, time: np.ndarray, y: np.ndarray, u: np.ndarray
 @DRIVES
 @pytest.mark.parametrize("factor", [0.85, 0.95, 1.05, 1.2])
 def test_it_does_so_with_an_inertia_that_is_off(drive: Drive, factor: float, closed) -> None:
-    follows_as_said(drive, *closed(drive, 2.0, **off(drive, factor)))
+    follows_as_predicted(drive, *closed(drive, 2.0, **off(drive, factor)))
 
 
 @DRIVES
 @pytest.mark.parametrize("factor", [0.8, 1.2])
 def test_it_does_so_with_an_input_that_does_more_or_less_than_it_should(drive: Drive, factor: float, closed) -> None:
-    follows_as_said(drive, *closed(drive, 2.0, B=factor * model(drive).B))
+    follows_as_predicted(drive, *closed(drive, 2.0, B=factor * model(drive).B))
 
 
 @DRIVES

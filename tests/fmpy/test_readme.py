@@ -237,7 +237,7 @@ def league(name: str) -> int:
 
 
 # What a page says with a number that the sources hold: the numbers in their order.
-HELD = {
+CONSTANTS = {
     "tuning.md": [
         ("more than {} runs the curves of {} are drawn", lambda: 2 * [constant("crates/program/src/analysis/sweep/mod.rs", "MOST_DRAWN")]),
     ],
@@ -278,7 +278,7 @@ HELD = {
 WORDS = {"three": 3, "four": 4, "eight": 8, "hundred": 100}
 
 
-@pytest.mark.parametrize(("page", "sentence", "numbers"), [(page, *row) for page, rows in HELD.items() for row in rows])
+@pytest.mark.parametrize(("page", "sentence", "numbers"), [(page, *row) for page, rows in CONSTANTS.items() for row in rows])
 def test_numbers_that_pages_take_from_the_sources_are_theirs(
     page: str, sentence: str, numbers: Callable[[], list[float]]
 ) -> None:

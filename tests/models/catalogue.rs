@@ -41,7 +41,7 @@ fn sources() -> Vec<(PathBuf, String)> {
 const COMPOSITE: &str = "name: \"composite\"";
 
 /// The lines that name a kind, where it is one of a file: a line of `const NAME`, or of the composite's kind.
-fn says_its_name(line: &str) -> bool {
+fn has_its_name(line: &str) -> bool {
     line.contains("const NAME: &'static str =") || line.contains(COMPOSITE)
 }
 
@@ -50,7 +50,7 @@ fn every_kind_that_has_a_file_is_listed_in_the_catalogue() {
     let quoted = |line: &str| line.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
     let lines: Vec<String> = sources().iter().flat_map(|(_, text)| text.lines()).map(str::to_owned).collect();
     // A doc comment shows a model that isn't of this package.
-    let own = lines.iter().map(String::as_str).filter(|line| says_its_name(line) && !line.starts_with("//!"));
+    let own = lines.iter().map(String::as_str).filter(|line| has_its_name(line) && !line.starts_with("//!"));
     // The composite's line has other texts, too.
     let names = own.map(|line| if line.contains(COMPOSITE) { COMPOSITE } else { line });
     let named: BTreeSet<String> = names.flat_map(quoted).collect();
@@ -65,7 +65,7 @@ fn nothing_but_its_own_file_names_a_kind() {
     for (file, text) in sources() {
         let code = text.split("#[cfg(test)]").next().unwrap_or_default();
         // An icon has the name of its kind.
-        let is_name = |line: &str| says_its_name(line) || line.contains("icon!(");
+        let is_name = |line: &str| has_its_name(line) || line.contains("icon!(");
         let lines = code.lines().filter(|line| !is_name(line) && !line.trim_start().starts_with("//"));
         for line in lines {
             let kinds = CATALOGUE.iter().map(|entry| entry.kind.name).filter(|name| !WORDS.contains(name));

@@ -189,7 +189,7 @@ fn the_sampled_control_is_constant_until_the_next_step() {
     let warned = continuous.messages().into_iter().any(|(_, category, text)| {
         category == "logStepTooLong" && text.contains("law = sampled") && text.contains("4.")
     });
-    assert!(warned, "it tells a step of 1/s");
+    assert!(warned, "it warns of a step of 1/s");
 }
 
 #[test]

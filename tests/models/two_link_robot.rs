@@ -244,7 +244,7 @@ fn assert_mentions_determinant(message: &str, part: &str, time: f64) {
     assert!(message.contains(&format!(": {part}det_M = -")) && message.contains("must be above 0"), "{message}");
     let reported =
         message.rsplit("t = ").next().and_then(|rest| rest.split(' ').next()).unwrap().parse::<f64>().unwrap();
-    assert!((reported - time).abs() < 1e-6, "{message} tells of t = {time} s");
+    assert!((reported - time).abs() < 1e-6, "{message} names t = {time} s");
 }
 
 /// The same arm as the only part of a composite.

@@ -58,7 +58,7 @@ fn an_error_that_leaves_the_funnel_is_reported_when_it_does_and_counted() {
     unit.put("r[1]", -0.7);
     unit.run(0.812, 1, 1e-3);
     assert_eq!((unit.get_boolean("funnel_left"), unit.get_integer("funnel_exits")), (true, 2));
-    assert_eq!(warnings(&unit), [], "told once");
+    assert_eq!(warnings(&unit), [], "warned once");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::text_file;
 pub const DESCRIPTION: &str = "description.toml";
 
 /// Prefix of a location that contains the description itself, for hosts without files such as a browser.
-pub const HELD: &str = "data:,";
+pub const DATA_PREFIX: &str = "data:,";
 
 /// The description of the unit whose resources a master's `fmuResourceLocation` names, and its file, for messages.
 ///
@@ -16,7 +16,7 @@ pub const HELD: &str = "data:,";
 /// What is wrong with the location, or that the file can't be read.
 pub fn description(location: Option<&[u8]>) -> Result<(PathBuf, String), String> {
     if cfg!(target_family = "wasm")
-        && let Some(encoded) = location.and_then(|location| location.strip_prefix(HELD.as_bytes()))
+        && let Some(encoded) = location.and_then(|location| location.strip_prefix(DATA_PREFIX.as_bytes()))
     {
         let text = String::from_utf8(percent_decoded(encoded)?).map_err(|error| format!("{DESCRIPTION}: {error}"))?;
         return Ok((PathBuf::from(DESCRIPTION), text));

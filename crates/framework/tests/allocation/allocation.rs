@@ -332,7 +332,7 @@ fn a_warning_allocates_no_more_than_documented() {
             most = most.max(count.checked_div(logged).unwrap_or(0));
             messages += logged;
         }
-        assert!(messages > 0, "{name} tells something");
+        assert!(messages > 0, "{name} logs something");
     }
     println!("{most} a warning");
 }

@@ -73,7 +73,7 @@ fn a_fault_in_a_step_is_an_error_with_a_message() {
     let (status, category, message) = unit.messages().pop().expect("a message");
     assert_eq!((status, category.as_str()), (ERROR as i32, "logStatusError"));
     for part in ["fmi2DoStep", "a fault 100", "in the equations", "panics.rs", "Free"] {
-        assert!(message.contains(part), "`{message}` tells {part}");
+        assert!(message.contains(part), "`{message}` names {part}");
     }
     assert!(common::is_plain_format(&message) && message.contains("100%%") && !message.contains('\n'), "{message}");
 }

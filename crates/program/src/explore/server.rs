@@ -117,19 +117,19 @@ impl Server {
         if let Err(refusal) = request.read_body(stream) {
             return refused(stream, refusal);
         }
-        let told = |value: Value| (JSON, value.to_string());
+        let json_reply = |value: Value| (JSON, value.to_string());
         let answered = match (request.method.as_str(), request.path.as_str()) {
             ("GET", "/") => Ok((HTML, self.page())),
-            ("GET", "/loop") => Ok(told(self.session.to_json())),
+            ("GET", "/loop") => Ok(json_reply(self.session.to_json())),
             ("POST", "/run") => match wanted(&request) {
                 Ok(wanted) => return self.run(stream, &wanted),
                 Err(refusal) => Err(refusal),
             },
             ("POST", "/set") => {
-                answer_wanted(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(told)
+                answer_wanted(&request, |wanted| Ok(json!({ "set": self.session.set(wanted)? }))).map(json_reply)
             }
-            ("POST", "/save") => answer_wanted(&request, |wanted| self.session.save(wanted)).map(told),
-            ("POST", "/export") => answer_wanted(&request, |wanted| self.session.export(wanted)).map(told),
+            ("POST", "/save") => answer_wanted(&request, |wanted| self.session.save(wanted)).map(json_reply),
+            ("POST", "/export") => answer_wanted(&request, |wanted| self.session.export(wanted)).map(json_reply),
             (method, path) => match page::file(path.trim_start_matches('/'), Backend::SERVER) {
                 Some((kind, text)) if method == "GET" => Ok((kind, text)),
                 None if !PATHS.contains(&path) => Err((404, "there is no such page".to_owned())),

@@ -42,9 +42,9 @@ use crate::cache::Checksum;
 use crate::error::Error;
 use crate::exporter::{Entry, Platform, entries, own_library, read_entry, unpack_but};
 use crate::fmi2::calls::Standard;
-use crate::fmi2::resources::DESCRIPTION;
 #[cfg(target_family = "wasm")]
-use crate::fmi2::resources::HELD;
+use crate::fmi2::resources::DATA_PREFIX;
+use crate::fmi2::resources::DESCRIPTION;
 use crate::fmi2::types::{CO_SIMULATION, MODEL_EXCHANGE};
 use crate::model_description::ModelDescription;
 use crate::scratch::Scratch;
@@ -187,7 +187,7 @@ impl Fmu {
         let refuse = |reason: String| Error::Library(reason);
         let description = ModelDescription::read(&text).map_err(refuse)?;
         let place = Place::Here { binary: Arc::new(Binary::linked().map_err(refuse)?), kernel: None };
-        let resources = format!("{HELD}{}", described.replace('%', "%25"));
+        let resources = format!("{DATA_PREFIX}{}", described.replace('%', "%25"));
         let file = PathBuf::from(format!("{}.fmu", description.name));
         Ok(Fmu { file, _folder: None, resources, text, description, co_simulation: Some(place), exchange: None })
     }

@@ -120,7 +120,7 @@ impl<'a> Search<'a> {
         let name = |(unit, variable): Signal| units[unit].description.variables[variable].name.as_str();
         let outputs = signals(units, "output");
         let (mut named, mut alike): (HashMap<_, Vec<_>>, HashMap<_, Vec<_>>) = (HashMap::new(), HashMap::new());
-        let has_name = |signal: &&Signal| !says_nothing(&units[signal.0], name(**signal));
+        let has_name = |signal: &&Signal| !is_uninformative(&units[signal.0], name(**signal));
         for &output in outputs.iter().filter(has_name) {
             named.entry(name(output)).or_default().push(output);
             alike.entry(key(name(output))).or_default().push(output);
@@ -147,7 +147,7 @@ impl<'a> Search<'a> {
         if equal.is_empty() && is_own && UNNEEDED.contains(&base) {
             return Input::Unneeded;
         }
-        if says_nothing(unit, name) {
+        if is_uninformative(unit, name) {
             let reason = format!("which signal goes through this {}?", unit.model.as_deref().unwrap_or("unit"));
             return Input::Open { reason, offered: Vec::new() };
         }
@@ -224,7 +224,7 @@ impl<'a> Search<'a> {
 }
 
 /// True if a name is one that every sensor or actuator gives its channels.
-fn says_nothing(unit: &DraftUnit, name: &str) -> bool {
+fn is_uninformative(unit: &DraftUnit, name: &str) -> bool {
     unit.hands_on() && (name.starts_with("u[") || name.starts_with("y["))
 }
 
