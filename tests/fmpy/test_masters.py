@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import fmpy
+import fmusim
 import matrix
 import numpy as np
 import programs
@@ -100,31 +101,42 @@ def test_what_is_no_number_or_beyond_its_limit_has_failed() -> None:
     assert matrix.Cell.compared(1e-8, 1e-9).failed and matrix.Cell.compared(float("nan"), 1e-9).failed
 
 
-# A master that exits 0 whatever it did, told what to do as fmuCheck or as OMSimulator is; its values are FMPy's, and
+# A master that exits 0 whatever it did, told what to do as fmuCheck, OMSimulator or fmusim is; its values are FMPy's, and
 # something more.
 PROGRAM = """#!{python}
 import sys
 import fmpy
+import numpy
 *options, fmu = sys.argv[1:]
-given = dict(zip(options[::2], options[1::2])) | dict(word.split("=", 1) for word in options if "=" in word)
-step, stop, result = ((given.get(short) or given[long]) for short, long in
-                      [("-h", "--stepSize"), ("-s", "--stopTime"), ("-o", "--resultFile")])
-table = fmpy.simulate_fmu(fmu, fmi_type="CoSimulation", stop_time=float(stop), output_interval=float(step))
+given = dict(zip(options, options[1:])) | dict(word.split("=", 1) for word in options if "=" in word)
+step, stop, result = (next(given[name] for name in names if name in given) for names in
+                      [("-h", "--stepSize", "--output-interval"), ("-s", "--stopTime", "--stop-time"),
+                       ("-o", "--resultFile", "--output-file")])
+start = dict(options[k + 1 : k + 3] for k, word in enumerate(options) if word == "--start-value")
+times = dict(stop_time=float(stop), output_interval=float(step))
+table = fmpy.simulate_fmu(fmu, fmi_type="CoSimulation", start_values=start, **times)
 with open(result, "w") as file:
     print(*('"%s"' % (name if name == "time" else "{prefix}" + name) for name in table.dtype.names), sep=",", file=file)
     for row in table:
-        time, *values = map(float, row)
-        print(time, *(value + {error} for value in values), sep=",", file=file)
+        time, *values = map(numpy.atleast_1d, row)
+        cells = (" ".join(repr(float(one) + {error}) for one in value) for value in values)
+        print(float(time[0]), *cells, sep=",", file=file)
 """
 
 
-@pytest.mark.parametrize(("error", "code"), [(0.0, 0), (1e-8, 1)])
+@pytest.mark.parametrize("code", [0, 1])
 @pytest.mark.parametrize(
-    ("master", "program", "prefix"),
-    [("fmuCheck", programs.FMUCHECK, ""), ("OMSimulator", programs.OMSIMULATOR, "model.root.NonlinearSiso.")],
+    ("master", "program", "prefix", "error", "near"),
+    [
+        ("fmuCheck", programs.FMUCHECK, "", 1e-8, 1e-15),
+        ("OMSimulator", programs.OMSIMULATOR, "model.root.NonlinearSiso.", 1e-8, 1e-15),
+        ("fmusim ME", fmusim.FMUSIM, "", 2e-6, 1e-7),
+    ],
 )
-def test_a_master_is_judged_by_its_values(master, program, prefix, error, code, tmp_path, monkeypatch, capsys) -> None:
-    (tmp_path / program).write_text(PROGRAM.format(python=sys.executable, prefix=prefix, error=error))
+def test_a_master_is_judged_by_its_values(
+    master, program, prefix, error, near, code, tmp_path, monkeypatch, capsys
+) -> None:
+    (tmp_path / program).write_text(PROGRAM.format(python=sys.executable, prefix=prefix, error=code * error))
     (tmp_path / program).chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setattr(sys, "argv", ["run", "--quick", "--json", "--master", master, "NonlinearSiso"])
@@ -132,7 +144,7 @@ def test_a_master_is_judged_by_its_values(master, program, prefix, error, code, 
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     cell = row["masters"][master]
     assert row["name"] == "NonlinearSiso" and cell["failed"] == bool(code), cell
-    assert cell["difference"] == pytest.approx(error, abs=1e-15)
+    assert cell["difference"] == pytest.approx(code * error, abs=near)
 
 
 def test_a_program_that_is_not_there_is_no_failure(monkeypatch, capsys) -> None:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).resolve().parents[1] / "fmpy")]
 
+import fmusim  # noqa: E402
 import loops  # noqa: E402
 import programs  # noqa: E402
 import units  # noqa: E402
@@ -33,7 +34,7 @@ from units import SOLVERS  # noqa: E402
 QUICK = 100
 LEGEND = f"""
 The largest difference of any output, relative to its largest magnitude where that is above 1; 0: none at all. FMUs:
-from plain calls at the same times, within {TOLERANCE:.0e}; FMPy ME: from co-simulation, within {SOLVERS:.0e}.
+from plain calls at the same times, within {TOLERANCE:.0e}; ME of FMPy and fmusim: from co-simulation, within {SOLVERS:.0e}.
 Loops: from the same loop in FMPy, and FMPy from the program's own run, within {TOLERANCE:.0e}. –: not for this."""
 
 
@@ -59,6 +60,8 @@ MASTERS = [
     Master("fmucontainer", None, programs.fmucontainer),
     Master("OMSimulator", programs.omsimulator_unit, programs.omsimulator_loop, programs.OMSIMULATOR),
     Master("fmuCheck", programs.fmucheck, None, programs.FMUCHECK),
+    Master("fmusim CS", fmusim.co_simulation, None, fmusim.FMUSIM),
+    Master("fmusim ME", fmusim.model_exchange, None, fmusim.FMUSIM),
 ]
 
 
