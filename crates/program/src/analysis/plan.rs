@@ -68,7 +68,9 @@ impl<'a> Plan<'a> {
     /// Slopes with respect to the states.
     pub fn by_states(&self, instance: &Instance) -> Result<Changes, Error> {
         if self.by == Derivatives::Exact {
-            return self.exact(instance, &self.states);
+            let mut changes = self.exact(instance, &self.states)?;
+            self.equate_states(&mut changes);
+            return Ok(changes);
         }
         let (nominals, states) = (instance.nominals(self.states.len())?, instance.states(self.states.len())?);
         let unbounded = vec![(f64::NEG_INFINITY, f64::INFINITY); states.len()];
@@ -101,6 +103,16 @@ impl<'a> Plan<'a> {
             changes.set(k, &column);
         }
         Ok(changes)
+    }
+
+    /// Sets the slopes of outputs that are states themselves: some FMUs give none.
+    fn equate_states(&self, changes: &mut Changes) {
+        for (row, output) in self.outputs.iter().enumerate() {
+            if let Some(column) = self.states.iter().position(|state| state.reference == output.reference) {
+                changes.outputs.row_mut(row).fill(0.0);
+                changes.outputs[(row, column)] = 1.0;
+            }
+        }
     }
 
     fn differences(
