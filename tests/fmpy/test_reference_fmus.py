@@ -88,6 +88,11 @@ def test_the_oscillator_has_its_linear_model() -> None:
     assert linear["C"] == [[1.0, 0.0], [0.0, 1.0]]
 
 
+def test_a_controller_for_an_fmu_without_inputs_is_refused(tmp_path: Path) -> None:
+    words = ["--plant", reference("VanDerPol"), "--bandwidth", "5", "--out", tmp_path / "Law.toml"]
+    assert "has no continuous input that a controller could drive" in done("new", "pid", "--name", "Law", *words, code=1)
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_a_reference_passes_through_in_a_loop(order: str, tmp_path: Path) -> None:
     """With a delay of a step where FMUs are stepped together."""
@@ -127,3 +132,9 @@ def test_an_fmu_that_ends_the_simulation_leaves_its_results(tmp_path: Path) -> N
 def test_clocks_are_refused_with_the_reason(words: list[str]) -> None:
     said = done(*words, reference("Clocks"), code=1)
     assert "the FMU is for Scheduled Execution only, whose clocks `adaptive-fmu` can't activate" in said
+
+
+def test_a_check_of_clocks_names_what_can_be_run() -> None:
+    answer = adaptive_fmu("validate", reference("Clocks"))
+    assert answer.returncode == 3
+    assert "export the FMU for co-simulation or model exchange without clocks" in answer.stdout + answer.stderr

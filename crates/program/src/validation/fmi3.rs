@@ -21,7 +21,9 @@ pub(super) fn check_description(text: &str, findings: &mut Findings) -> Option<I
     let (description, structure) = match read {
         Ok(read) => read,
         Err(reason) => {
-            findings.error(At::nowhere(), reason, "", "correct modelDescription.xml");
+            let advice =
+                "correct modelDescription.xml, or export the FMU for co-simulation or model exchange without clocks";
+            findings.error(At::nowhere(), reason, "", advice);
             return None;
         }
     };

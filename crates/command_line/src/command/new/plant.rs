@@ -172,6 +172,11 @@ fn linearised(
         ..OperatingPoint::default()
     };
     let linear = linearise(&fmu, &arguments.trim.apply(point))?;
+    if linear.inputs.is_empty() {
+        let reason =
+            "has no continuous input that a controller could drive. Choose an FMU with at least one as --plant";
+        return Err(Error::Archive { file: file.to_owned(), reason: reason.to_owned() });
+    }
     remark!(
         "{} was linearised at t = {} s{}, {}",
         linear.name,
