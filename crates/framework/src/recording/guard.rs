@@ -3,6 +3,7 @@
 
 use std::rc::Rc;
 
+use super::tangent::needed;
 use super::tape::{Node, Operation, Tape};
 
 /// A condition, and whether it holds.
@@ -43,6 +44,13 @@ impl Guard {
             }
         }
         left
+    }
+
+    /// The value of a condition, if it is the same wherever this holds.
+    fn decides(&self, operations: &[Operation], condition: Node) -> Option<bool> {
+        let mut values = self.terms.iter().map(|term| decided(operations, condition, term));
+        let first = values.next()??;
+        values.all(|value| value == Some(first)).then_some(first)
     }
 
     /// Holds where both do.
@@ -163,6 +171,39 @@ pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option
     guards
 }
 
+/// The most rounds in which operands are followed.
+const MOST_ROUNDS: usize = 8;
+
+/// The operations, where an operand that is a selection is the operand which that takes, if its condition is known wherever the
+/// operation is needed: what only the other one needs is then needed less often.
+pub fn followed(operations: &[Operation], wanted: &[(Node, Option<Node>)]) -> Vec<Operation> {
+    let mut operations = operations.to_vec();
+    let nodes: Vec<Node> = wanted.iter().flat_map(|(node, condition)| [Some(*node), *condition]).flatten().collect();
+    for _ in 0..MOST_ROUNDS {
+        let needed = needed(&operations, &nodes);
+        let guards = guards(&operations, &needed, wanted);
+        let follow = |place: usize, mut node: Node| {
+            while let Operation::Select(condition, yes, no) = operations[node.index()]
+                && let Some(holds) = guards[place].decides(&operations, condition)
+            {
+                node = if holds { yes } else { no };
+            }
+            node
+        };
+        let places = (0..operations.len()).filter(|&place| needed[place] && !guards[place].is_always());
+        let changed = places.filter_map(|place| {
+            let other = operations[place].over(|node| follow(place, node));
+            (other != operations[place]).then_some((place, other))
+        });
+        let changed: Vec<_> = changed.collect();
+        if changed.is_empty() {
+            break;
+        }
+        changed.into_iter().for_each(|(place, other)| operations[place] = other);
+    }
+    operations
+}
+
 /// Takes the terms of another guard in.
 fn merge(guard: &mut Rc<Guard>, other: &Rc<Guard>) {
     if guard.terms.is_empty() {
@@ -201,8 +242,8 @@ pub fn decided(operations: &[Operation], condition: Node, known: &[Literal]) -> 
 
 #[cfg(test)]
 mod tests {
-    use super::{Guard, MOST, guards};
-    use crate::recording::{Node, Operation};
+    use super::{Guard, MOST, followed, guards};
+    use crate::recording::{Binary, Node, Operation};
 
     /// A guard that holds if any of these terms does; a literal is a node's place, negative if it must not hold.
     fn any(terms: &[&[i32]]) -> Guard {
@@ -252,5 +293,19 @@ mod tests {
         assert_eq!(*found[1], where_all(&[(at(0), false)]), "b: where a doesn't decide");
         let of_message = guards(&operations, &[true; 8], &[(at(2), Some(at(0)))]);
         assert_eq!(*of_message[2], where_all(&[(at(0), true)]), "a message under a condition");
+    }
+
+    #[test]
+    fn an_operand_is_what_a_selection_takes_wherever_it_is_needed() {
+        let (at, sum) = (Node::at, |a, b| Operation::Binary(Binary::Add, Node::at(a), Node::at(b)));
+        let select = |condition, yes, no| Operation::Select(Node::at(condition), Node::at(yes), Node::at(no));
+        // c, x, y; then c ? x : y, its sum with y, and that sum where c doesn't hold, else x.
+        let inputs = (0..3).map(Operation::Carried);
+        let mut operations: Vec<_> = inputs.chain([select(0, 1, 2), sum(3, 2), select(0, 1, 4)]).collect();
+        let found = followed(&operations, &[(at(5), None)]);
+        assert_eq!((&found[4], &found[5]), (&sum(2, 2), &operations[5]));
+        // With a second use of the sum, where c may hold, it stays.
+        operations.push(sum(4, 5));
+        assert_eq!(followed(&operations, &[(at(6), None)]), operations);
     }
 }

@@ -23,7 +23,7 @@ mod writer;
 
 pub use crate::scalar::Opaque;
 pub use evaluate::Given;
-pub(crate) use guard::{Guard, Literal, decided, guards, literals};
+pub(crate) use guard::{Guard, Literal, decided, followed, guards, literals};
 pub use instructions::{Instructions, Registers, slopes};
 pub use iteration::Body;
 pub use method::{Method, Recording};

@@ -104,7 +104,8 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
 /// Operations that some nodes need at most, whichever arms selections take.
 fn of(recording: &Recording, nodes: &[Node]) -> Work {
     let wanted: Vec<_> = nodes.iter().map(|&node| (node, None)).collect();
-    within(recording.tape.operations(), &placed(recording.tape.operations(), &wanted).blocks, ROOT)
+    let placed = placed(recording.tape.operations(), &wanted);
+    within(&placed.operations, &placed.blocks, ROOT)
 }
 
 fn within(operations: &[Operation], blocks: &Blocks, block: Block) -> Work {

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use crate::recording::{Binary, Guard, Literal, Node, Operation, Unary, decided, guards, literals, needed};
+use crate::recording::{Binary, Guard, Literal, Node, Operation, Unary, decided, followed, guards, literals, needed};
 
 /// A node that is wanted, and the condition under which it is.
 pub type Wanted = (Node, Option<Node>);
@@ -187,6 +187,8 @@ impl Blocks {
 
 /// Operations that are needed for what is wanted.
 pub struct Placed {
+    /// The operations; some have operands that come sooner, where these have the same value.
+    pub operations: Vec<Operation>,
     /// Number of uses of each.
     pub uses: Vec<u32>,
     /// Their blocks.
@@ -195,13 +197,14 @@ pub struct Placed {
 
 /// Places what is needed.
 pub fn placed(operations: &[Operation], wanted: &[Wanted]) -> Placed {
+    let operations = followed(operations, wanted);
     let nodes: Vec<Node> = wanted.iter().map(|wanted| wanted.0).collect();
     // What results of conditions are wanted for is needed, too.
     let conditions = wanted.iter().filter_map(|wanted| wanted.1);
-    let needed = needed(operations, &nodes.iter().copied().chain(conditions).collect::<Vec<_>>());
-    let uses = uses(operations, &needed, &nodes);
-    let partial = partial(operations, &uses);
-    Placed { blocks: Blocks::of(operations, &needed, wanted, &|place| partial[place]), uses }
+    let needed = needed(&operations, &nodes.iter().copied().chain(conditions).collect::<Vec<_>>());
+    let uses = uses(&operations, &needed, &nodes);
+    let partial = partial(&operations, &uses);
+    Placed { blocks: Blocks::of(&operations, &needed, wanted, &|place| partial[place]), uses, operations }
 }
 
 /// True for operations that may be undefined for some numbers, themselves or in an operand without a name.

@@ -110,9 +110,9 @@ impl<'a> Function<'a> {
         named: &dyn Fn(Node) -> Option<String>,
         given: &dyn Fn(&Operation) -> Expression,
     ) -> Vec<Expression> {
-        let Placed { uses, blocks } = placed(operations, wanted);
+        let Placed { operations, uses, blocks } = placed(operations, wanted);
         let mut scope = Scope {
-            operations,
+            operations: &operations,
             uses,
             blocks,
             open: vec![Open { block: ROOT, lines: String::new(), indent: self.indent }],
