@@ -40,10 +40,13 @@ class Designed:
         rows = [row(candidate) for candidate in answer["candidates"]]
         #: One row a kind of controller, the recommended one first: sound, settling_time (s), worst_settling_time, overshoot (a part
         #: of the step), worst_overshoot, peak (largest size of a control with the worst plant), noise (largest standard deviation of
-        #: a control at rest, if `noise` is given), operations, file, and refused (why there is no controller).
+        #: a control at rest, if `noise` is given), operations, file, and refused (why there is no controller, or why it isn't sound
+        #: or wasn't compared).
         self.table: pd.DataFrame = pd.DataFrame(rows).set_index("kind")
         #: True if the recommended controller is sound.
         self.sound: bool = bool(answer["candidates"][0].get("sound"))
+        #: Verdict of the recommended controller: sound, not compared (its runs would take long) or not sound.
+        self.verdict: str = answer["candidates"][0]["verdict"]
         #: Folder with the descriptions, the loop and the page.
         self.folder: Path = folder
         #: Page with a table and step responses.
@@ -94,13 +97,13 @@ class Designed:
         first = self.candidates[0]
         notes = [text for text in (first.get("summary"), first.get("reason"), *(first.get("notes") or [])) if text]
         lines = "".join(f"<li>{html.escape(text)}</li>" for text in notes)
-        head = f"<p><b>{html.escape(first['kind'])}</b>: {'sound' if self.sound else 'not sound'}</p>"
+        head = f"<p><b>{html.escape(first['kind'])}</b>: {self.verdict}</p>"
         table = self.table.drop(columns="file").dropna(axis=1, how="all").to_html(float_format=shown, na_rep="")
         return f"{head}<ul>{lines}</ul>{table}"
 
     def __repr__(self) -> str:
         first = self.table.index[0]
-        return f"<{first}: {'sound' if self.sound else 'not sound'}, {len(self.table)} kinds tried>"
+        return f"<{first}: {self.verdict}, {len(self.table)} kinds tried>"
 
 
 def row(candidate: dict[str, Any]) -> dict[str, Any]:

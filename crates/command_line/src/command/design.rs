@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use adaptive_fmu::designs::{Candidate, Design, Followed, Kind, Noise, Task, figures, files, page, ranked, shortfall};
+use adaptive_fmu::designs::{
+    Candidate, Design, Followed, Judged, Kind, Noise, Task, figures, files, page, ranked, shortfall,
+};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::exporter::Library;
 use adaptive_fmu::output::{Files, make_folder};
@@ -115,7 +117,7 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         print(&task, &candidates, &order, arguments);
     }
     arguments.open.show(&arguments.out.join(PAGE));
-    Ok(if best.is_sound() { ExitCode::SUCCESS } else { ExitCode::from(3) })
+    Ok(if best.verdict() == Judged::Sound { ExitCode::SUCCESS } else { ExitCode::from(3) })
 }
 
 /// The task of a command line.
@@ -248,7 +250,7 @@ fn print(task: &Task, candidates: &[Candidate], order: &[usize], arguments: &Arg
                 print_line!("{}: recommended{but}", kind.name);
             }
             None => {}
-            Some(reason) => print_line!("{}: not sound: {reason}", kind.name),
+            Some(reason) => print_line!("{}: {}: {reason}", kind.name, design.verdict().words()),
         }
         design.notes.iter().for_each(|note| print_line!("{}: {note}", kind.name));
     }
@@ -272,7 +274,8 @@ fn as_json(candidates: &[Candidate], order: &[usize], arguments: &Arguments) -> 
             Err(reason) => json!({ "kind": kind.name, "refused": reason }),
             Ok(design) => json!({
                 "kind": kind.name,
-                "sound": design.is_sound(),
+                "sound": design.verdict() == Judged::Sound,
+                "verdict": design.verdict().words(),
                 "reason": design.reason(),
                 "files": design.texts.iter().map(|(name, _)| console::path(&arguments.out.join(format!("{name}.toml")))).collect::<Vec<_>>(),
                 "bandwidth": design.bandwidth,

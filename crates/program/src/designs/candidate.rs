@@ -1,10 +1,9 @@
 //! Candidates: a controller of each kind for a plant, as fast as it should be, and the results of its loop.
 
 use std::path::PathBuf;
-use std::time::Duration;
 
 use super::series::{Course, Followed};
-use super::trial::{Noise, Trial};
+use super::trial::{Noise, NotRun, Trial};
 use super::written::Written;
 use crate::controllers::l1::L1;
 use crate::controllers::observer::Observer;
@@ -35,8 +34,6 @@ const STEPS: i32 = 24;
 /// Duration of a run in settling times, or in 1/W if none is known.
 const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
-/// Longest computation of a candidate's runs: an adaptation a thousand times faster than its loop takes minutes.
-const PATIENCE: Duration = Duration::from_secs(5);
 /// Longest run in the settling times that were asked for; a slower loop isn't run.
 const MOST: f64 = 30.0;
 
@@ -105,8 +102,30 @@ pub struct Candidate {
     pub outcome: Result<Design, String>,
 }
 
-/// The results of runs of a loop, or the reason why they failed.
-pub type Ran = Result<(Followed, Course), String>;
+/// Verdict of a design, from its report and its runs, in the order of recommendation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Judged {
+    /// It is sound, and all its loops settle.
+    Sound,
+    /// Its report finds it sound, and not all its loops were simulated.
+    NotCompared,
+    /// It isn't sound, or a loop fails or doesn't settle.
+    NotSound,
+}
+
+impl Judged {
+    /// The words for it.
+    pub fn words(self) -> &'static str {
+        match self {
+            Judged::Sound => "sound",
+            Judged::NotCompared => "not compared",
+            Judged::NotSound => "not sound",
+        }
+    }
+}
+
+/// The results of runs of a loop, or the reason why there are none.
+pub type Ran = Result<(Followed, Course), NotRun>;
 
 /// A controller for the plant of a task.
 #[derive(Debug)]
@@ -267,10 +286,18 @@ impl Task {
         Ok(Written::new(own.into_iter().chain(attempt.texts(kind))))
     }
 
-    /// The loop of a controller.
-    fn trial(&self, kind: &Kind, attempt: &Attempt, units: &Ready) -> Result<Trial, Error> {
+    /// The loop of a controller, for so many steps of all references, each of this duration, s.
+    fn trial(
+        &self,
+        kind: &Kind,
+        attempt: &Attempt,
+        units: &Ready,
+        (runs, duration): (usize, f64),
+    ) -> Result<Trial, Error> {
         let written = self.written(kind, attempt)?;
-        Ok(Trial::new(&written, attempt.step(), &self.plant, &self.references, units)?.within(PATIENCE))
+        let trial = Trial::new(&written, attempt.step(), &self.plant, &self.references, units)?;
+        // An adaptation a thousand times faster than its loop takes minutes.
+        Ok(trial.within((runs * self.references.len()) as f64 * duration))
     }
 
     /// Standard deviations of the controls at rest, if there is noise.
@@ -281,7 +308,7 @@ impl Task {
         let written = (&self.written(kind, attempt)?, attempt.step());
         let trial = Trial::with_noise(written, &self.plant, &self.references, units, &self.noise)?;
         // No reference moves.
-        Ok(Some(trial.at_rest(USUAL / attempt.bandwidth)?.deviations()))
+        Ok(Some(trial.at_rest(USUAL / attempt.bandwidth).map_err(|reason| reason.error())?.deviations()))
     }
 
     /// A controller of a kind that is fast enough, with the results of its loop.
@@ -290,15 +317,17 @@ impl Task {
             if let Some(time) = found(&attempt.controller.report, NOMINAL, SETTLING) {
                 return Ok(time);
             }
-            let trial = self.trial(kind, attempt, units)?;
-            let (followed, _) = trial.steps(None, USUAL / attempt.bandwidth)?;
+            let duration = USUAL / attempt.bandwidth;
+            let (followed, _) = self
+                .trial(kind, attempt, units, (1, duration))?
+                .steps(None, duration)
+                .map_err(|reason| reason.error())?;
             Ok(followed.settling.unwrap_or(f64::INFINITY))
         };
         let attempt = match (self.bandwidth, self.settling_time) {
             (None, Some(time)) => self.fast_enough(kind, time, settling)?,
             (bandwidth, _) => self.attempt(kind, bandwidth)?,
         };
-        let trial = self.trial(kind, &attempt, units)?;
         let report = &attempt.controller.report;
         let settles = found(report, UNCERTAIN, SETTLING).or_else(|| found(report, NOMINAL, SETTLING));
         let longest = settles.map_or(USUAL / attempt.bandwidth, |time| LONGER * time);
@@ -307,13 +336,14 @@ impl Task {
         // A loop that is cut off would seem to be at rest there.
         let too_slow =
             settles.filter(|&time| time > duration).map(|time| format!("settles in {} s", number(three_digits(time))));
+        let trial = self.trial(kind, &attempt, units, (1 + report.worst.len(), duration))?;
         let ran = |other: Option<&WorstPlant>| match &too_slow {
-            Some(reason) => Err(format!("{reason}, more than {MOST} times the time asked for")),
-            None => trial.steps(other, duration).map_err(|reason| reason.to_string()),
+            Some(reason) => Err(NotRun::Failed(format!("{reason}, more than {MOST} times the time asked for"))),
+            None => trial.steps(other, duration),
         };
-        let corners = report.worst.iter().map(|other| (other.clone(), ran(Some(other)))).collect();
-        let noise = self.noise(kind, &attempt, units)?;
         let (nominal, texts) = (ran(None), attempt.texts(kind));
+        let corners = report.worst.iter().map(|other| (other.clone(), ran(Some(other)))).collect();
+        let noise = if nominal.is_ok() { self.noise(kind, &attempt, units)? } else { None };
         let Attempt { controller, observer, bandwidth } = attempt;
         let operations = controller.operations + observer.map_or(0, |observer| observer.operations);
         let (report, notes) = (controller.report, controller.notes);
@@ -355,10 +385,24 @@ pub(super) fn surroundings(
 }
 
 impl Design {
-    /// True if its report finds it sound, and all its loops settle.
-    pub fn is_sound(&self) -> bool {
-        let settles = |ran: &Ran| ran.as_ref().is_ok_and(|(followed, _)| followed.settling.is_some());
-        self.report.is_sound() && settles(&self.nominal) && self.corners.iter().all(|(_, ran)| settles(ran))
+    /// Its loops: with the plants within the uncertainty, then with the nominal one.
+    fn loops(&self) -> impl Iterator<Item = &Ran> {
+        self.corners.iter().map(|(_, ran)| ran).chain([&self.nominal])
+    }
+
+    /// The verdict: sound if its report finds it sound, and all its loops settle.
+    pub fn verdict(&self) -> Judged {
+        let fails = |ran: &Ran| match ran {
+            Ok((followed, _)) => followed.settling.is_none(),
+            Err(reason) => matches!(reason, NotRun::Failed(_)),
+        };
+        if !self.report.is_sound() || self.loops().any(fails) {
+            Judged::NotSound
+        } else if self.loops().any(Result::is_err) {
+            Judged::NotCompared
+        } else {
+            Judged::Sound
+        }
     }
 
     /// The nominal loop.
@@ -373,14 +417,18 @@ impl Design {
         self.corners.iter().try_fold(nominal, |worst, (_, ran)| Some(worst.or_worse(&followed(ran)?)))
     }
 
-    /// Reason why it isn't sound; none if it is.
+    /// Reason why it isn't sound, or wasn't compared; none if it is sound.
     pub fn reason(&self) -> Option<String> {
-        if self.is_sound() {
-            return None;
+        let is_meant = |reason: &&NotRun| self.verdict() != Judged::NotSound || matches!(reason, NotRun::Failed(_));
+        let of_runs = || self.loops().filter_map(|ran| ran.as_ref().err()).find(is_meant).map(NotRun::to_string);
+        match self.verdict() {
+            Judged::Sound => None,
+            Judged::NotCompared => of_runs(),
+            Judged::NotSound => Some(
+                (self.report.reason().or_else(of_runs))
+                    .unwrap_or_else(|| "a loop within the uncertainty does not settle".to_owned()),
+            ),
         }
-        let failed = self.corners.iter().map(|(_, ran)| ran).chain([&self.nominal]).find_map(|ran| ran.as_ref().err());
-        let reason = self.report.reason().or_else(|| failed.cloned());
-        Some(reason.unwrap_or_else(|| "a loop within the uncertainty does not settle".to_owned()))
     }
 
     /// Its margins in words, as far as its report has them.

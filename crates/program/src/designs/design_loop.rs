@@ -102,7 +102,7 @@ impl DesignLoop {
         let noise = [Noise { signal: None, deviation }];
         let written = (&self.written(self.step)?, self.step);
         let trial = Trial::with_noise(written, &self.plant, &self.references, units, &noise)?;
-        Ok(trial.at_rest(WITH_NOISE / self.bandwidth)?.deviations())
+        Ok(trial.at_rest(WITH_NOISE / self.bandwidth).map_err(|reason| reason.error())?.deviations())
     }
 
     /// The loop with a name, as a user gets it, with a settling time, s, that is known or expected: its files, the

@@ -11,13 +11,13 @@ mod trial;
 mod worst_case;
 mod written;
 
-pub use candidate::{Candidate, Design, Kind, PLANT, REFERENCE, Ran, Task, settling_time};
+pub use candidate::{Candidate, Design, Judged, Kind, PLANT, REFERENCE, Ran, Task, settling_time};
 pub use design_loop::DesignLoop;
 pub use page::{figures, page, report_page};
 pub use rank::{ranked, shortfall};
 pub use reported::{add_runs, lines};
 pub use series::{Course, Followed};
-pub use trial::Noise;
+pub use trial::{Noise, NotRun};
 pub use worst_case::{Cases, WorstCase};
 pub use written::Written;
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::candidate::{Candidate, Design, Ran, Task};
+use super::candidate::{Candidate, Design, Judged, Ran, Task};
 use super::rank::shortfall;
 use super::series::{Course, Followed};
 use crate::drawing::escaped;
@@ -51,11 +51,12 @@ pub fn page(task: &Task, candidates: &[Candidate], order: &[usize], plant: &str)
         let Candidate { kind, outcome } = &candidates[place];
         let Ok(design) = outcome else { continue };
         let _ = writeln!(page, "<h2>{}</h2>", escaped(&kind.name));
-        if let Some(what) = shortfall(task, design).filter(|_| design.is_sound()) {
+        if let Some(what) = shortfall(task, design).filter(|_| design.verdict() == Judged::Sound) {
             let _ = writeln!(page, "<p>{}{}.</p>", what[..1].to_uppercase(), escaped(&what[1..]));
         }
         if let Some(reason) = design.reason() {
-            let _ = writeln!(page, "<p class=\"bad\">Not sound: {}.</p>", escaped(reason.trim_end_matches('.')));
+            let verdict = design.verdict().words().replacen('n', "N", 1);
+            let _ = writeln!(page, "<p class=\"bad\">{verdict}: {}.</p>", escaped(reason.trim_end_matches('.')));
         }
         for note in &design.notes {
             let _ = writeln!(page, "<p>{}</p>", escaped(note));
@@ -76,7 +77,7 @@ fn push_table(page: &mut String, task: &Task, candidates: &[Candidate], order: &
         let first = if turn == 0 { " class=\"first\"" } else { "" };
         let _ = match outcome {
             Ok(design) => {
-                let verdict = if design.is_sound() { "sound" } else { "not sound" };
+                let verdict = design.verdict().words();
                 let cells = figures(task, design).map(|text| format!("<td>{}", escaped(&text))).concat();
                 writeln!(page, "<tr{first}><td>{}<td>{verdict}{cells}", escaped(&kind.name))
             }

@@ -1,6 +1,6 @@
 //! The order in which candidates are recommended.
 
-use super::candidate::{Candidate, Design, Task};
+use super::candidate::{Candidate, Design, Judged, Task};
 use super::series::Followed;
 use crate::report::number;
 use crate::system::NO_LIMIT;
@@ -31,7 +31,8 @@ fn is_in_time(task: &Task, worst: &Followed) -> bool {
     worst.settling.is_some_and(settles)
 }
 
-/// The candidates in order of recommendation, by these criteria: a sound design; outputs that end within 5 % of their
+/// The candidates in order of recommendation, by these criteria: a sound design, then one whose
+/// loops weren't all simulated; outputs that end within 5 % of their
 /// references with the worst corner; settling there within 1.5 of the time asked for; the smallest peak of the controls
 /// there, in parts of their limits or of the largest peak of any candidate.
 pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
@@ -45,14 +46,14 @@ pub fn ranked(task: &Task, candidates: &[Candidate]) -> Vec<usize> {
     };
     let scales: Vec<_> = (0..controls).map(scale).collect();
     let key = |number: &usize| {
-        let is_sound = candidates[*number].outcome.as_ref().is_ok_and(|design| design.is_sound());
+        let verdict = candidates[*number].outcome.as_ref().ok().map_or(Judged::NotSound, Design::verdict);
         let worst = worst[*number].as_ref();
         let (is_near, is_in_time) = (worst.is_some_and(is_near), worst.is_some_and(|worst| is_in_time(task, worst)));
         let peak =
             |followed: &Followed| followed.peaks.iter().zip(&scales).map(|(u, scale)| u / scale).fold(0.0, f64::max);
         let has_design = candidates[*number].outcome.is_ok();
         let peak = worst.map_or(f64::INFINITY, peak);
-        ([!has_design, !is_sound, !is_near, !is_in_time], peak)
+        ((!has_design, verdict, !is_near, !is_in_time), peak)
     };
     let mut order: Vec<_> = (0..candidates.len()).collect();
     order.sort_by(|one, other| {

@@ -1,11 +1,7 @@
 //! The loop of a candidate and a linear plant, as FMUs that are stepped in turn.
 
-use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
-
 use super::series::{Course, Followed};
 use super::written::Written;
-use crate::clock::Instant;
 use crate::error::{Error, Invalid};
 use crate::fmu::Ready;
 use crate::league::bench::{Benched, SENSOR, benched};
@@ -17,10 +13,48 @@ use crate::template::Plant;
 /// Names in the loop.
 const PLANT: &str = "plant";
 const REFERENCE: &str = "reference";
-/// The most communication points of a run: a longer one would take minutes.
+/// The most communication points of all runs of a candidate: more would take minutes.
 const MOST_POINTS: f64 = 2e6;
+/// Elementary operations of the FMUs in all these runs, shared among the communication steps of each FMU. The limit counts
+/// operations, not seconds, so it has the same results on every machine.
+const MOST_WORK: f64 = 1e11;
+/// The parameter of the FMUs that limits the work of one communication step.
+const WORK_LIMIT: &str = "work_limit";
 /// A run ends when its output exceeds the reference by this factor.
 const LOST: f64 = 1e6;
+
+/// Reason why a run has no result.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NotRun {
+    /// It would take long, because of this.
+    TooLong(String),
+    /// It failed, for this reason.
+    Failed(String),
+}
+
+impl std::fmt::Display for NotRun {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            NotRun::TooLong(why) => {
+                write!(f, "its runs would take long ({why}). `check` judges its design, and `run` simulates its loop")
+            }
+            NotRun::Failed(reason) => f.write_str(reason),
+        }
+    }
+}
+
+impl NotRun {
+    /// The same as an error.
+    pub fn error(&self) -> Error {
+        Error::Argument(Invalid::because(self.to_string()))
+    }
+}
+
+impl From<Error> for NotRun {
+    fn from(error: Error) -> Self {
+        NotRun::Failed(error.to_string())
+    }
+}
 
 /// Noise of one measured signal, or of all.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,13 +78,15 @@ fn wishes(step: f64) -> Wishes {
 #[derive(Debug)]
 pub struct Trial {
     loaded: LoadedLoop,
-    /// Time that is left for its runs; none is unlimited.
-    left: Option<Mutex<Duration>>,
     /// Communication step, s.
     pub step: f64,
     sizes: Vec<f64>,
-    /// Start values of sensors.
-    noise: Vec<(Place, f64)>,
+    /// Start values of sensors, and limits of the FMUs' work.
+    start: Vec<(Place, f64)>,
+    /// True if the work of its runs is limited.
+    is_limited: bool,
+    /// True if all its runs together have too many communication points.
+    is_too_long: bool,
     /// Places of outputs and controls among the signals.
     outputs: Vec<usize>,
     controls: Vec<usize>,
@@ -89,7 +125,7 @@ impl Trial {
             sensor(format!("noise_deviation[{}]", k + 1), found.deviation)
         };
         let noisy = measured.iter().enumerate().filter_map(deviation);
-        trial.noise = noisy.chain(sensor("sample_time".to_owned(), step)).collect();
+        trial.start = noisy.chain(sensor("sample_time".to_owned(), step)).collect();
         Ok(trial)
     }
 
@@ -113,14 +149,21 @@ impl Trial {
         let controls: Option<Vec<_>> = (0..m).map(control).collect();
         let outputs = outputs.ok_or_else(|| refuse("an output of the plant isn't in the loop".to_owned()))?;
         let controls = controls.ok_or_else(|| refuse("an input of the plant isn't connected".to_owned()))?;
-        let (step, noise) = (structure.step, Vec::new());
-        Ok(Trial { loaded, left: None, step, noise, sizes: sizes.to_vec(), outputs, controls })
+        let (step, start, sizes) = (structure.step, Vec::new(), sizes.to_vec());
+        Ok(Trial { loaded, step, start, is_limited: false, is_too_long: false, sizes, outputs, controls })
     }
 
-    /// The same, with a limit of the time of all runs together.
+    /// The same with a limit of the work of its runs, which last so many seconds altogether.
     #[must_use]
-    pub(super) fn within(self, limit: Duration) -> Self {
-        Trial { left: Some(Mutex::new(limit)), ..self }
+    pub(super) fn within(mut self, seconds: f64) -> Self {
+        let points = seconds / self.step;
+        self.is_limited = true;
+        self.is_too_long = points > MOST_POINTS;
+        let units = self.loaded.units().iter().map(|unit| format!("{}.{WORK_LIMIT}", unit.name));
+        let limits = units.filter_map(|name| Some((self.place(&name)?, MOST_WORK / points.max(1.0))));
+        let limits: Vec<_> = limits.collect();
+        self.start.extend(limits);
+        self
     }
 
     /// Number of references.
@@ -168,7 +211,7 @@ impl Trial {
     ///
     /// # Errors
     /// When a component fails, or a signal grows without bound.
-    pub fn course(&self, i: usize, other: Option<&WorstPlant>, duration: f64) -> Result<Course, Error> {
+    pub fn course(&self, i: usize, other: Option<&WorstPlant>, duration: f64) -> Result<Course, NotRun> {
         let start = other.map(|other| self.of_plant(other)).unwrap_or_default();
         let step_time = self.step_time();
         let course = self.run(self.of_reference(Some(i)).into_iter().chain(start), duration + step_time)?;
@@ -179,59 +222,37 @@ impl Trial {
     ///
     /// # Errors
     /// When a component fails.
-    pub fn at_rest(&self, duration: f64) -> Result<Course, Error> {
+    pub fn at_rest(&self, duration: f64) -> Result<Course, NotRun> {
         self.run(self.of_reference(None), duration)
     }
 
-    /// True if no time is left for runs.
-    pub(super) fn is_spent(&self) -> bool {
-        self.left().is_some_and(|left| left.is_zero())
-    }
-
-    fn left(&self) -> Option<Duration> {
-        self.left.as_ref().map(|left| *left.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// True if a run of this duration, s, doesn't have too many communication points.
-    pub(super) fn is_short(&self, duration: f64) -> bool {
-        duration / self.step <= MOST_POINTS
-    }
-
-    fn run(&self, start: impl IntoIterator<Item = (Place, f64)>, duration: f64) -> Result<Course, Error> {
-        if !self.is_short(duration) {
-            let reason = format!(
-                "a run of {duration} s needs more than {MOST_POINTS:e} communication steps of {} s, too many to be tried",
-                self.step
-            );
-            return Err(Error::Argument(Invalid::because(reason)));
+    fn run(&self, start: impl IntoIterator<Item = (Place, f64)>, duration: f64) -> Result<Course, NotRun> {
+        if self.is_too_long {
+            let reason = format!("more than {MOST_POINTS:e} communication steps of {} s", self.step);
+            return Err(NotRun::TooLong(reason));
         }
-        let start: Vec<_> = start.into_iter().chain(self.noise.iter().copied()).collect();
+        let start: Vec<_> = start.into_iter().chain(self.start.iter().copied()).collect();
         let settings = Settings { start_time: 0.0, stop_time: duration, step: self.step };
         let mut course = Course::new(self.outputs.len(), self.controls.len());
         let largest = LOST * self.sizes.iter().copied().fold(0.0, f64::max);
-        let (begun, left) = (Instant::now(), self.left());
-        let (mut is_lost, mut is_late) = (false, false);
-        self.loaded.instantiate(&start)?.watch(settings, &[], |time, row| {
+        let mut is_lost = false;
+        let ran = self.loaded.instantiate(&start)?.watch(settings, &[], |time, row| {
             course.times.push(time);
             for (values, &place) in course.outputs.iter_mut().zip(&self.outputs) {
                 values.push(row[place]);
                 is_lost |= row[place].is_nan() || row[place].abs() > largest;
             }
             course.controls.iter_mut().zip(&self.controls).for_each(|(values, &place)| values.push(row[place]));
-            is_late = left.is_some_and(|left| begun.elapsed() > left);
-            !is_lost && !is_late
+            !is_lost
+        });
+        ran.map_err(|error| match error.to_string() {
+            reason if self.is_limited && reason.contains(WORK_LIMIT) => {
+                NotRun::TooLong("communication steps with too many integration steps".to_owned())
+            }
+            reason => NotRun::Failed(reason),
         })?;
-        if let Some(left) = &self.left {
-            let mut left = left.lock().unwrap_or_else(PoisonError::into_inner);
-            *left = left.saturating_sub(begun.elapsed());
-        }
-        if is_late {
-            return Err(Error::Argument(Invalid::because(
-                "its runs take too long to be compared here. `check` judges its design, and `run` runs its loop",
-            )));
-        }
         if is_lost {
-            return Err(Error::Argument(Invalid::because("the output grows without bound")));
+            return Err(NotRun::Failed("the output grows without bound".to_owned()));
         }
         Ok(course)
     }
@@ -240,7 +261,7 @@ impl Trial {
     ///
     /// # Errors
     /// When a component fails.
-    pub fn steps(&self, other: Option<&WorstPlant>, duration: f64) -> Result<(Followed, Course), Error> {
+    pub fn steps(&self, other: Option<&WorstPlant>, duration: f64) -> Result<(Followed, Course), NotRun> {
         let first = self.course(0, other, duration)?;
         let mut worst = first.followed(0, &self.sizes);
         for i in 1..self.sizes.len() {

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::design_loop::{DesignLoop, nominal_of};
 use super::series::{Course, Followed};
-use super::trial::Trial;
+use super::trial::{NotRun, Trial};
 use crate::clock::Instant;
 use crate::design::robustness::assumed::Assumed;
 use crate::design::robustness::bounds::Bounds;
@@ -21,8 +21,6 @@ use crate::workers::{employed, results};
 const PARTICLES: usize = 24;
 /// Duration of a run, in 1/W.
 const DURATION: f64 = 20.0;
-/// Longest computation of runs that nobody asked for.
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The result of a search.
 #[derive(Debug)]
@@ -105,7 +103,7 @@ impl Cases {
         let mut swarm =
             Swarm::new(PARTICLES, vec![(-1.0, 1.0); count], Some(vec![0.0; count]), Motion::default(), seed);
         // A loop that fails with the nominal plant doesn't fail because of the plant.
-        self.trial.course(0, None, self.duration)?;
+        self.trial.course(0, None, self.duration).map_err(|reason| reason.error())?;
         let (begun, mut tried) = (Instant::now(), 0);
         loop {
             let positions = swarm.positions();
@@ -138,14 +136,14 @@ pub(super) fn steps(source: &Source, units: &Ready) -> Result<Option<Steps>, Err
     let design = DesignLoop::new(source, units.library())?;
     let DesignLoop { controls, .. } = &design;
     let (trial, controls) = (design.trial(units)?, controls.clone());
-    let (trial, duration) = (trial.within(PATIENCE), DURATION / nominal.bandwidth.unwrap_or(1.0));
+    let duration = DURATION / nominal.bandwidth.unwrap_or(1.0);
+    let seconds = duration * trial.references() as f64;
+    let trial = trial.within(seconds);
     let has_others = bounds(&nominal).is_some();
-    if !trial.is_short(duration) {
-        return Ok(None);
-    }
     match trial.steps(None, duration) {
-        Err(_) if trial.is_spent() => Ok(None),
-        ran => ran.map(|(followed, _)| Some(Steps { followed, controls, duration, has_others })),
+        Err(NotRun::TooLong(_)) => Ok(None),
+        Ok((followed, _)) => Ok(Some(Steps { followed, controls, duration, has_others })),
+        Err(reason) => Err(reason.error()),
     }
 }
 
@@ -164,7 +162,7 @@ fn plant_at(nominal: &NominalPlant, bounds: &Bounds, position: &[f64]) -> WorstP
 
 impl Trial {
     /// The integral of the squared error of steps of all references, in parts of the steps.
-    fn squared_error(&self, plant: &WorstPlant, duration: f64) -> Result<f64, Error> {
+    fn squared_error(&self, plant: &WorstPlant, duration: f64) -> Result<f64, NotRun> {
         let of = |i: usize| Ok(self.error_of(i, &self.course(i, Some(plant), duration)?));
         (0..self.references()).map(of).sum()
     }
