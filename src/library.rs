@@ -93,8 +93,14 @@ pub fn begin(request: &Request) -> Result<Begun, Invalid> {
 /// where there are none. Signals have the same names in all units of a loop.
 pub fn named_for_plants<'a>(request: &Request<'a>) -> Option<(Request<'a>, String)> {
     request.plant.as_ref()?;
-    let plain = Request { kind: <StateSpace as System>::NAME, uncertainty: None, ..request.clone() };
-    let (renamed, note) = plain.renamed(&made(&plain).err()?)?;
+    let distinct = request.with_distinct_outputs();
+    let plain = distinct.as_ref().map_or(request, |(renamed, _)| renamed).clone();
+    let plain = Request { kind: <StateSpace as System>::NAME, uncertainty: None, ..plain };
+    let other = made(&plain).err().and_then(|reason| plain.renamed(&reason));
+    let (renamed, note) = match (distinct, other) {
+        (Some((_, one)), Some((renamed, another))) => (renamed, format!("{one} {another}")),
+        (distinct, other) => other.or(distinct)?,
+    };
     Some((Request { kind: request.kind, uncertainty: request.uncertainty, ..renamed }, note))
 }
 

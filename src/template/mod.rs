@@ -222,7 +222,7 @@ impl Request<'_> {
         if outputs_are_inputs && p != m {
             let allowed = format!(
                 "must be {m}, the number of inputs: choose as many outputs as inputs (with --plant, by --outputs \
-                 NAME,…)"
+                 NAME,… and --inputs NAME,…)"
             );
             return Err(Invalid::new("outputs", p, allowed));
         }
@@ -233,6 +233,25 @@ impl Request<'_> {
             ));
         }
         Ok(plant)
+    }
+
+    /// The same with other names for outputs that are called like a state and aren't that state, and what they are; nothing
+    /// where there are none. Signals of one name are connected, so a controller would get the state.
+    pub fn with_distinct_outputs(&self) -> Option<(Self, String)> {
+        let mut plant = self.plant.clone()?;
+        let mut renamed = Vec::new();
+        for (i, name) in plant.y.names.iter_mut().enumerate() {
+            let Some(k) = plant.x.names.iter().position(|state| state == name) else { continue };
+            let shows = |j: usize| plant.C[(i, j)] == if j == k { 1.0 } else { 0.0 };
+            let has_feedthrough =
+                plant.D.as_ref().is_some_and(|feedthrough| feedthrough.row(i).iter().any(|&entry| entry != 0.0));
+            if has_feedthrough || !(0..plant.C.ncols()).all(shows) {
+                let other = extended(name, OUTPUT);
+                renamed.push(format!("Output `{name}` isn't the state of that name: it is called `{other}`."));
+                *name = other;
+            }
+        }
+        (!renamed.is_empty()).then(|| (Request { plant: Some(plant), ..self.clone() }, renamed.join(" ")))
     }
 
     /// The same with other names for signals of the plant that a model was refused for, since it has variables of these names,
@@ -283,6 +302,9 @@ impl Request<'_> {
     }
 }
 
+/// End of the name of an output that is called like a state.
+pub const OUTPUT: &str = "_output";
+
 /// Default stop time and communication step of a plant or of its reference, s: usual ones, and longer ones for
 /// a plant that is slow. A controller that needs shorter steps asks for them itself.
 pub fn experiment(request: &Request) -> (f64, f64) {
@@ -298,11 +320,13 @@ pub fn experiment(request: &Request) -> (f64, f64) {
 
 /// Names of signals with something behind each, before an index; none where they have none.
 pub fn named(signals: &Signals, behind: &str) -> Vec<String> {
-    let with = |name: &String| {
-        let (name, index) = name.split_at(name.find('[').unwrap_or(name.len()));
-        format!("{name}{behind}{index}")
-    };
-    signals.names.iter().map(with).collect()
+    signals.names.iter().map(|name| extended(name, behind)).collect()
+}
+
+/// A name with an ending, which stands before its indices.
+fn extended(name: &str, behind: &str) -> String {
+    let (name, index) = name.split_at(name.find('[').unwrap_or(name.len()));
+    format!("{}{behind}{index}", name.strip_suffix(behind).unwrap_or(name))
 }
 
 /// The table of names: those that are known, and how to give others.

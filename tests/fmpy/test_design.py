@@ -53,7 +53,8 @@ def key(candidate: dict, time: float, peak: float) -> tuple:
     settles = worst.get("settling_time")
     in_time = settles is not None and settles <= 1.5 * time
     is_far = worst.get("error_at_end", 1) > 0.05
-    return "refused" in candidate, not candidate.get("sound"), is_far, not in_time, max(worst.get("peaks", [np.inf])) / peak
+    verdict = ["sound", "not compared", "not sound"].index(candidate.get("verdict", "not sound"))
+    return "refused" in candidate, verdict, is_far, not in_time, max(worst.get("peaks", [np.inf])) / peak
 
 
 @pytest.mark.parametrize("number", range(8 if ALL else 2))
@@ -222,6 +223,51 @@ def test_pictures_show_the_loop_that_another_program_computes(kind: str, tmp_pat
     assert len(shown) == len(expected)
     nominal = next(curve for curve in step["curves"] if curve["of"] == "nominal")["points"]
     assert nominal[-1][1] == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("row", [[2.0, 0.0], [1.0, 0.1]])
+def test_an_output_with_the_name_of_a_state_is_not_mistaken_for_it(row: list[float], tmp_path: Path) -> None:
+    number = Random(f"names {row} {NUMBER}")
+    A = [[-number.uniform(0.5, 2), 0.5], [0.0, -number.uniform(2, 4)]]
+    named = {"A": A, "B": [[0.0], [2.0]], "C": [row], "states": ["speed", "current"], "inputs": ["voltage"], "outputs": ["speed"]}
+    other = {**named, "outputs": ["sensor"]}
+    of_plant = {}
+    for name, plant_ in (("named", named), ("other", other)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(plant_))
+        found = designed(tmp_path, f"{name}.json", "--bandwidth", "2", "--out", name, code=(0, 3))
+        of_plant[name] = {one["kind"]: one["nominal"] for one in found["candidates"] if "refused" not in one}
+    assert of_plant["named"].keys() == of_plant["other"].keys() and {"pid", "ladrc", "observer-l1"} <= of_plant["named"].keys()
+    for kind, nominal in of_plant["named"].items():
+        assert nominal == of_plant["other"][kind], kind
+    done = run(tmp_path, "new", "pid", "--plant", "named.json", "--bandwidth", "2", "--name", "Control")
+    assert "Output `speed` isn't the state of that name: it is called `speed_output`." in done.stderr, done.stderr
+
+
+def test_runs_that_would_take_long_are_not_compared_on_any_machine(tmp_path: Path) -> None:
+    # L1 control adapts a thousand times faster than this plant settles.
+    furnace = ROOT / "examples/zoo/induction_furnace.json"
+    found = [designed(tmp_path, furnace, "--bandwidth", "0.01", "--kinds", "pid,ladrc,l1", code=(0, 3)) for _ in range(2)]
+    assert found[0]["candidates"] == found[1]["candidates"]
+    verdicts = {one["kind"]: one["verdict"] for one in found[0]["candidates"]}
+    assert verdicts["l1"] == "not compared", verdicts
+    late = next(one for one in found[0]["candidates"] if one["kind"] == "l1")
+    assert "integration steps" in late["reason"] and "`check`" in late["reason"]
+
+
+def test_limits_of_an_fmu_of_this_program_are_those_of_its_parameters(tmp_path: Path) -> None:
+    limited = {**model(MASS), "u_min": [-4.5], "u_max": [3.5]}
+    (tmp_path / "plant.json").write_text(json.dumps(limited))
+    for words in (["new", "state-space", "--plant", "plant.json", "--name", "Mass"], ["export", "Mass.toml", "--out", "."]):
+        done = run(tmp_path, *words)
+        assert done.returncode == 0, done.stderr
+    signals = ["--inputs", limited["inputs"][0], "--outputs", limited["outputs"][0]]
+    for more, limits in (([], [-4.5, 3.5]), (["--set", "u_max[1]=2.5"], [-4.5, 2.5])):
+        done = run(tmp_path, "new", "pid", "--plant", "Mass.fmu", *signals, *more, "--bandwidth", "2", "--name", "Control", "--force")
+        assert done.returncode == 0, done.stderr
+        start = tomllib.loads((tmp_path / "Control.toml").read_text())["start"]
+        assert [start["u_min"], start["u_max"]] == [[limit] for limit in limits]
+    refused = run(tmp_path, "new", "pid", "--plant", "Mass.fmu", "--bandwidth", "2", "--name", "Control", "--force")
+    assert refused.returncode == 1 and "--inputs" in refused.stderr and "--outputs" in refused.stderr
 
 
 def test_names_of_a_plant_may_be_those_of_the_models_variables(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ pub fn describe_limits(text: &mut Text, plant: &Plant, steps: &[Step], reference
     let stays = if allowed > 0.0 {
         format!("A step to {} stays within them.", one_or_each(&references.iter().map(within).collect::<Vec<_>>()))
     } else {
-        "No step stays within them.".to_owned()
+        "No step stays within them: use a lower --bandwidth.".to_owned()
     };
     text.note(&format!(
         "A step of the reference to {} needs controls {needed}, beyond u_min and u_max. {stays}",

@@ -194,9 +194,14 @@ impl Described {
         }
         let allowed = 0.995 * limits::allowed(range, limit);
         let smaller = self.reference.iter().map(|size| digits(size * allowed)).collect::<Vec<_>>().join(", ");
+        let stays = if allowed > 0.0 {
+            format!("A step of {smaller} stays within")
+        } else {
+            "Use a lower bandwidth".to_owned()
+        };
         let note = format!(
-            "for a step of {sizes}, beyond the limits {} … {}: the loop is slower then than reported here. A step of {smaller} stays \
-             within",
+            "for a step of {sizes}, beyond the limits {} … {}: the loop is then slower than reported here, and an unstable plant may \
+             run away. {stays}",
             digits(limit[0]),
             digits(limit[1])
         );

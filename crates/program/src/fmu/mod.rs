@@ -294,10 +294,9 @@ impl Fmu {
         (kind, event_mode): (c_int, bool),
         name: &str,
     ) -> Result<Instance, Error> {
-        let ModelDescription { standard, guid, generation_tool, arrays, .. } = &self.description;
+        let ModelDescription { standard, guid, arrays, .. } = &self.description;
         // This package's FMUs report errors and warnings in any case.
-        let is_own = generation_tool.starts_with("adaptive-fmu");
-        let details = is_own && DETAILS.load(Ordering::Relaxed);
+        let details = self.description.is_own() && DETAILS.load(Ordering::Relaxed);
         let plan = Plan {
             standard: *standard,
             kind,
@@ -306,7 +305,7 @@ impl Fmu {
             resources: self.resources.clone(),
             arrays: arrays.clone(),
             event_mode,
-            logs: !is_own || details || *standard == Standard::Fmi3,
+            logs: !self.description.is_own() || details || *standard == Standard::Fmi3,
             details,
         };
         let unit = place.map_err(str::to_owned).and_then(|place| place.unit(&plan));

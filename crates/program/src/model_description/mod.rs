@@ -177,6 +177,11 @@ impl ModelDescription {
         })
     }
 
+    /// True if a library of this program is in the FMU.
+    pub fn is_own(&self) -> bool {
+        self.generation_tool.starts_with("adaptive-fmu")
+    }
+
     /// True if it has Event Mode in co-simulation (FMI 3.0).
     pub fn has_event_mode(&self) -> bool {
         let has = |(name, value): &(String, String)| name == "hasEventMode" && (value == "true" || value == "1");

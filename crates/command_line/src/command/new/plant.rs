@@ -6,7 +6,7 @@ use std::sync::Arc;
 use adaptive_fmu::analysis::{Linearisation, OperatingPoint, Quantity, linearise};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::fmu::Fmu;
-use adaptive_fmu::model_description::Variable;
+use adaptive_fmu::model_description::{ModelDescription, Variable};
 use adaptive_fmu::report::number;
 use adaptive_fmu::sealed;
 use adaptive_fmu::system::NO_LIMIT;
@@ -186,16 +186,15 @@ fn linearised(
     );
     linear.trim.iter().flat_map(remarks).for_each(|line| remark!("{line}"));
     let mut plant = as_json(&linear);
-    // An input without a limit among others that have one has one that is never reached.
-    let limit = |bound: fn(&Variable) -> &Option<String>, none: f64| -> Vec<f64> {
-        let of = |input: &Quantity| bound(fmu.description.variable(&input.name)?).as_ref()?.parse().ok();
-        linear
-            .inputs
-            .iter()
-            .map(|input| of(input).filter(|bound: &f64| bound.abs() < NO_LIMIT).unwrap_or(none))
-            .collect()
+    let limits = |name: &str, bound: fn(&Variable) -> &Option<String>, none: f64| -> Vec<f64> {
+        let declared = |input: &Quantity| bound(fmu.description.variable(&input.name)?).as_ref()?.parse().ok();
+        let of = |input| declared(input).or_else(|| own_limit(&fmu.description, arguments.set, name, &input.name));
+        // An input without a limit among others that have one has one that is never reached.
+        let inputs = linear.inputs.iter();
+        inputs.map(|input| of(input).filter(|bound: &f64| bound.abs() < NO_LIMIT).unwrap_or(none)).collect()
     };
-    let (min, max) = (limit(|variable| &variable.min, -NO_LIMIT), limit(|variable| &variable.max, NO_LIMIT));
+    let (min, max) =
+        (limits("u_min", |variable| &variable.min, -NO_LIMIT), limits("u_max", |variable| &variable.max, NO_LIMIT));
     if min.iter().chain(&max).any(|limit| limit.abs() < NO_LIMIT) {
         (plant["u_min"], plant["u_max"]) = (json!(min), json!(max));
     }
@@ -208,4 +207,16 @@ fn linearised(
     plant["units"] = json!({ "x": units("states"), "u": units("inputs"), "y": units("outputs") });
     let wrong = |invalid: Invalid| Error::Description { file: file.to_owned(), reason: invalid.to_string() };
     Plant::parse_for(&plant.to_string(), chosen).map_err(wrong)
+}
+
+/// The limit of an input that is a parameter, as FMUs of this program have it: `u_min[i]` is that of the input i.
+fn own_limit(fmu: &ModelDescription, set: &[(String, String)], limit: &str, input: &str) -> Option<f64> {
+    if !fmu.is_own() {
+        return None;
+    }
+    let place =
+        fmu.variables.iter().filter(|variable| variable.causality == "input").position(|it| it.name == input)?;
+    let parameter = fmu.variable(&format!("{limit}[{}]", place + 1))?;
+    let given = set.iter().rfind(|(name, _)| *name == parameter.name).map(|(_, value)| value);
+    given.or(parameter.start.as_ref())?.parse().ok()
 }

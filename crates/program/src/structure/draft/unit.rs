@@ -79,7 +79,7 @@ impl<'a> Found<'a> {
         let description = ModelDescription::read(&xml).and_then(ModelDescription::for_co_simulation);
         let description = description.map_err(|reason| Error::Archive { file: path.to_owned(), reason })?;
         // An FMU of this package contains its description.
-        let own = description.generation_tool.starts_with("adaptive-fmu");
+        let own = description.is_own();
         let described = own.then(|| read_entry(path, DESCRIBED).ok()).flatten();
         let model = described.and_then(|text| model::Description::read(&text).ok()).map(|described| described.model);
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();

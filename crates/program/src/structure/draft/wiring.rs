@@ -141,7 +141,7 @@ impl<'a> Search<'a> {
 
     fn by_name(&self, input: Signal) -> Input {
         let (unit, name) = (&self.units[input.0], self.variable(input).name.as_str());
-        let is_own = unit.description.generation_tool.starts_with("adaptive-fmu");
+        let is_own = unit.description.is_own();
         let base = name.split('[').next().unwrap_or_default();
         let equal = self.named(name, input);
         if equal.is_empty() && is_own && UNNEEDED.contains(&base) {
