@@ -1,5 +1,6 @@
 """FMUs of FMI 3.0 as C source: compiled, they answer all calls as those of the generic form do, bit for bit, and log the same."""
 
+import contextlib
 import ctypes
 import os
 import random
@@ -92,18 +93,19 @@ def stepped(fmu: Fmu3, names: list[str], method: str, event_mode: bool, early_re
         at_random(unit, numbers)
         unit.start()
         time = 0.0
-        for _ in range(30):
-            if event_mode:
+        # A funnel may be left at such inputs: both forms then refuse the same step, with the same message.
+        with contextlib.suppress(FMICallException):
+            for _ in range(30):
                 at_random(unit, numbers)
-                taken.append((unit.update(), [struct.pack(f"{len(unit[name])}d", *unit[name]) for name in names]))
-                unit.instance.enterStepMode()
-            else:
-                at_random(unit, numbers)
-            needed, end, early, time = unit.instance.doStep(time, step)
-            taken.append((needed, end, early, time, [struct.pack(f"{len(unit[name])}d", *unit[name]) for name in names]))
-            if event_mode:
-                unit.instance.enterEventMode()
+                if event_mode:
+                    taken.append((unit.update(), [struct.pack(f"{len(unit[name])}d", *unit[name]) for name in names]))
+                    unit.instance.enterStepMode()
+                needed, end, early, time = unit.instance.doStep(time, step)
+                taken.append((needed, end, early, time, [struct.pack(f"{len(unit[name])}d", *unit[name]) for name in names]))
+                if event_mode:
+                    unit.instance.enterEventMode()
         taken.append(unit.messages)
+    assert len(taken) > 30 or any(word in unit.messages[-1][2] for word in ("funnel", "epsilon")), unit.messages
     return taken
 
 

@@ -1,10 +1,11 @@
 //! Conditions under which operations are needed for the wanted results. Some hosts trap floating-point exceptions, so a
 //! quotient that equations don't ask for must not be computed.
 
+use std::collections::HashMap;
 use std::rc::Rc;
 
 use super::tangent::needed;
-use super::tape::{Node, Operation, Tape};
+use super::tape::{Comparison, Node, Operation, Tape};
 
 /// A condition, and whether it holds.
 pub type Literal = (Node, bool);
@@ -182,17 +183,37 @@ pub fn followed(operations: &[Operation], wanted: &[(Node, Option<Node>)]) -> Ve
     for _ in 0..MOST_ROUNDS {
         let needed = needed(&operations, &nodes);
         let guards = guards(&operations, &needed, wanted);
-        let follow = |place: usize, mut node: Node| {
-            while let Operation::Select(condition, yes, no) = operations[node.index()]
-                && let Some(holds) = guards[place].decides(&operations, condition)
-            {
-                node = if holds { yes } else { no };
+        let follow = |guard: &Guard, mut node: Node| loop {
+            node = match operations[node.index()] {
+                Operation::Select(condition, yes, no) => match guard.decides(&operations, condition) {
+                    Some(holds) => {
+                        if holds {
+                            yes
+                        } else {
+                            no
+                        }
+                    }
+                    None => return node,
+                },
+                // The same condition as a number, compared with that of the condition.
+                Operation::Compare(Comparison::Equals, number, with) => match same(&operations, number, with) {
+                    Some(condition) => condition,
+                    None => return node,
+                },
+                _ => return node,
             }
-            node
         };
-        let places = (0..operations.len()).filter(|&place| needed[place] && !guards[place].is_always());
+        let places = (0..operations.len()).filter(|&place| needed[place]);
         let changed = places.filter_map(|place| {
-            let other = operations[place].over(|node| follow(place, node));
+            let guard = &guards[place];
+            let other = match operations[place] {
+                Operation::Select(condition, yes, no) => {
+                    let within = |holds| guard.and(&literals(&operations, (condition, holds)));
+                    let (yes, no) = (follow(&within(true), yes), follow(&within(false), no));
+                    Operation::Select(follow(guard, condition), yes, no)
+                }
+                ref operation => operation.over(|node| follow(guard, node)),
+            };
             (other != operations[place]).then_some((place, other))
         });
         let changed: Vec<_> = changed.collect();
@@ -200,8 +221,29 @@ pub fn followed(operations: &[Operation], wanted: &[(Node, Option<Node>)]) -> Ve
             break;
         }
         changed.into_iter().for_each(|(place, other)| operations[place] = other);
+        share(&mut operations);
     }
     operations
+}
+
+/// Has operations that are equal now share one result.
+fn share(operations: &mut [Operation]) {
+    let (mut first, mut places) = (HashMap::new(), Vec::with_capacity(operations.len()));
+    for (place, operation) in operations.iter_mut().enumerate() {
+        *operation = operation.over(|node| places[node.index()]);
+        places.push(*first.entry(operation.clone()).or_insert(Node::at(place)));
+    }
+}
+
+/// The condition that holds where a number is equal to another one: `condition ? number : other` compared with `number`.
+fn same(operations: &[Operation], number: Node, with: Node) -> Option<Node> {
+    let constant = |node: Node| match operations[node.index()] {
+        Operation::Constant(bits) => Some(f64::from_bits(bits)),
+        _ => None,
+    };
+    let Operation::Select(condition, yes, no) = operations[number.index()] else { return None };
+    let (yes, no, with) = (constant(yes)?, constant(no)?, constant(with)?);
+    (yes == with && no != with).then_some(condition)
 }
 
 /// Takes the terms of another guard in.

@@ -36,6 +36,8 @@ pub struct Blocks {
     within: BTreeMap<Block, Vec<usize>>,
     /// Selections whose arms have what nothing else uses.
     arms: Vec<bool>,
+    /// The selection whose arms each of them shares: the last one of a group with one condition.
+    last: Vec<usize>,
     /// Selections whose condition follows from their block.
     decided: BTreeMap<usize, bool>,
 }
@@ -55,6 +57,7 @@ impl Blocks {
             guards: whole.clone(),
             within: BTreeMap::new(),
             arms: vec![false; operations.len()],
+            last: (0..operations.len()).collect(),
             decided: BTreeMap::new(),
         };
         // Where guards ask for conditions, these move outwards with their operands: at most until all is outside.
@@ -83,6 +86,18 @@ impl Blocks {
     /// True if operations that only an arm of a selection uses are placed there.
     pub fn has_arms(&self, selection: usize) -> bool {
         self.arms[selection]
+    }
+
+    /// The selection whose arms a selection shares.
+    pub fn shared(&self, selection: usize) -> usize {
+        self.last[selection]
+    }
+
+    /// Selections that share their arms, in their order.
+    pub fn group(&self, selection: usize) -> Vec<usize> {
+        let last = self.last[selection];
+        let is_member = |place: &usize| self.arms[*place] && self.last[*place] == last;
+        self.within.get(&self.of[last]).map_or_else(Vec::new, |all| all.iter().copied().filter(is_member).collect())
     }
 
     /// The block of an operation.
@@ -118,6 +133,8 @@ impl Blocks {
         let mut asking: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         asked.iter().for_each(|(guarded, node)| asking.entry(node.index()).or_default().push(*guarded));
         let mut uses: Vec<Option<Block>> = vec![None; operations.len()];
+        let mut users: Vec<Vec<usize>> = vec![Vec::new(); operations.len()];
+        let mut groups: BTreeMap<(Node, Block), usize> = BTreeMap::new();
         wanted
             .iter()
             .flat_map(|(node, condition)| [Some(*node), *condition])
@@ -142,7 +159,21 @@ impl Blocks {
             self.guards[place] = Rc::new(whole[place].within(operations, &known));
             let has_arms = self.guards[place].is_always() && depth < DEEPEST;
             self.arms[place] = has_arms;
+            self.last[place] = place;
+            if let Operation::Select(condition, ..) = operations[place]
+                && has_arms
+            {
+                let group = groups.entry((condition, block)).or_insert(place);
+                // What follows from it in this block comes after all of the group.
+                let is_after = |user: &usize| self.emitted(*user, block) > *group;
+                if asking.contains_key(&place) || !users[place].iter().all(is_after) {
+                    *group = place;
+                }
+                self.last[place] = *group;
+            }
+            let shared = self.last[place];
             let mut ask = |of: &Self, node: Node, block: Block| {
+                users[node.index()].push(place);
                 let known = &mut uses[node.index()];
                 *known = Some(known.map_or(block, |known| of.common(known, block)));
             };
@@ -155,13 +186,22 @@ impl Blocks {
                     None => {
                         self.decided.remove(&place);
                         ask(self, *condition, block);
-                        ask(self, *yes, if has_arms { arm(place, true) } else { block });
-                        ask(self, *no, if has_arms { arm(place, false) } else { block });
+                        ask(self, *yes, if has_arms { arm(shared, true) } else { block });
+                        ask(self, *no, if has_arms { arm(shared, false) } else { block });
                     }
                 },
                 operation => operation.operands().for_each(|operand| ask(self, operand, block)),
             }
         }
+    }
+
+    /// The place in a block at which an operation is computed, which may be within arms there.
+    fn emitted(&self, place: usize, block: Block) -> usize {
+        let (mut at, mut own) = (self.last[place], self.of[place]);
+        while own != block && own < NOWHERE {
+            (at, own) = (own / 2, self.of[own / 2]);
+        }
+        at
     }
 
     /// The innermost block that contains both: that of a later selection is further out.
@@ -277,6 +317,23 @@ mod tests {
         assert_eq!(found.places(outer), [1, 3, 7]);
         // Within their blocks all are needed but x and its sum: neither where c holds and d doesn't.
         assert!((0..9).all(|place| found.guard(place).is_always() != [2, 4].contains(&place)));
+    }
+
+    #[test]
+    fn selections_with_one_condition_share_their_arms_where_nothing_between_them_follows_from_the_first() {
+        // c, x, y; then x + y, c ? x + y : x, c ? y : x + y, and a sum of the selections.
+        let inputs = || (0..3).map(Operation::Carried);
+        let pair = [sum(1, 2), select(0, 3, 1), select(0, 2, 3), sum(4, 5)];
+        let found = blocks(&inputs().chain(pair).collect::<Vec<_>>(), 6, &[]);
+        assert_eq!((found.group(4), found.shared(4)), (vec![4, 5], 5));
+        // What both selections need in one arm is there: x + y where c holds, x + x where it doesn't.
+        let rest = [sum(1, 2), sum(1, 1), select(0, 3, 4), select(0, 3, 4), sum(5, 6)];
+        let found = blocks(&inputs().chain(rest).collect::<Vec<_>>(), 7, &[]);
+        assert_eq!([found.block(3), found.block(4)], [arm(6, true), arm(6, false)]);
+        // The second one needs a number that follows from the first.
+        let chain = [select(0, 1, 2), sum(3, 1), select(0, 4, 2), sum(3, 5)];
+        let found = blocks(&inputs().chain(chain).collect::<Vec<_>>(), 6, &[]);
+        assert_eq!((found.group(3), found.group(5)), (vec![3], vec![5]));
     }
 
     #[test]

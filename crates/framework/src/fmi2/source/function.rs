@@ -154,16 +154,10 @@ impl<'a> Function<'a> {
             scope.found[place] = Some(self.named_or_inline(place, scope.of(*taken).clone(), scope));
             return true;
         }
-        if let Operation::Select(condition, yes, no) = operation
+        if let Operation::Select(condition, ..) = operation
             && scope.blocks.has_arms(place)
         {
-            if !self.computed(condition.index(), scope) {
-                return false;
-            }
-            let Some(taken) = self.arm(arm(place, true), *yes, scope) else { return false };
-            let Some(other) = self.arm(arm(place, false), *no, scope) else { return false };
-            scope.found[place] = Some(self.selected(place, taken, other, scope));
-            return true;
+            return self.computed(condition.index(), scope) && self.group(place, scope);
         }
         if !operation.operands().all(|operand| self.computed(operand.index(), scope)) {
             return false;
@@ -192,45 +186,81 @@ impl<'a> Function<'a> {
         before
     }
 
-    /// Lines of an arm that aren't needed outside of it, and its value.
-    fn arm(&mut self, block: Block, value: Node, scope: &mut Scope) -> Option<(String, Expression)> {
+    /// Computes a selection with all that share its arms. Returns true if that is done.
+    fn group(&mut self, place: usize, scope: &mut Scope) -> bool {
+        let (group, last) = (scope.blocks.group(place), scope.blocks.shared(place));
+        group.iter().for_each(|&member| scope.is_open[member] = true);
+        let arms = [true, false].map(|holds| {
+            let value = |&member: &usize| match scope.operations[member] {
+                Operation::Select(_, yes, no) => {
+                    if holds {
+                        yes
+                    } else {
+                        no
+                    }
+                }
+                _ => unreachable!("it is a selection"),
+            };
+            let values: Vec<_> = group.iter().map(value).collect();
+            self.arm(arm(last, holds), &values, scope)
+        });
+        group.iter().for_each(|&member| scope.is_open[member] = member == place);
+        let [Some(taken), Some(other)] = arms else { return false };
+        self.selected(&group, taken, other, scope);
+        true
+    }
+
+    /// Lines of an arm that aren't needed outside of it, and its values.
+    fn arm(&mut self, block: Block, values: &[Node], scope: &mut Scope) -> Option<(String, Vec<Expression>)> {
         scope.open.push(Open { block, lines: String::new(), indent: self.indent + 1 });
         let outer = self.go_to(scope.open.len() - 1, scope);
         for place in scope.blocks.places(block) {
             self.computed(place, scope);
         }
-        let is_done = self.computed(value.index(), scope);
+        let is_done = values.iter().all(|value| self.computed(value.index(), scope));
         self.go_to(outer, scope);
         let lines = scope.open.pop().expect("it was opened here").lines;
-        is_done.then(|| (lines, scope.of(value).clone()))
+        is_done.then(|| (lines, values.iter().map(|value| scope.of(*value).clone()).collect()))
     }
 
-    /// Result of a selection: an expression or, if an arm has lines of its own, a name that both arms give a value.
+    /// Results of selections: expressions or, if an arm has lines of its own, names that both arms give values.
     fn selected(
         &mut self,
-        place: usize,
-        taken: (String, Expression),
-        other: (String, Expression),
+        group: &[usize],
+        taken: (String, Vec<Expression>),
+        other: (String, Vec<Expression>),
         scope: &mut Scope,
-    ) -> Expression {
-        let Operation::Select(condition, ..) = scope.operations[place] else { unreachable!("it is a selection") };
+    ) {
+        let Operation::Select(condition, ..) = scope.operations[group[0]] else { unreachable!("it is a selection") };
         let condition = scope.of(condition).condition();
+        let both = taken.1.iter().zip(&other.1);
+        let selections: Vec<_> = both.map(|(yes, no)| Expression::select(&condition, yes, no)).collect();
         if taken.0.is_empty() && other.0.is_empty() {
-            return self.named_or_inline(place, Expression::select(&condition, &taken.1, &other.1), scope);
+            for (&place, selection) in group.iter().zip(selections) {
+                scope.found[place] = Some(self.named_or_inline(place, selection, scope));
+            }
+            return;
         }
-        let kind = Expression::select(&condition, &taken.1, &other.1).kind;
-        let (name, of) = self.new_name(place, (scope.named)(Node::at(place)), kind, scope);
-        self.line(&format!("{of} {name};"));
+        let mut names = Vec::new();
+        for (&place, selection) in group.iter().zip(&selections) {
+            let (name, of) = self.new_name(place, (scope.named)(Node::at(place)), selection.kind, scope);
+            self.line(&format!("{of} {name};"));
+            names.push((name, selection.kind));
+        }
         self.line(&format!("if ({}) {{", condition.text));
-        for (k, (lines, value)) in [taken, other].into_iter().enumerate() {
+        for (k, (lines, values)) in [taken, other].into_iter().enumerate() {
             self.lines.push_str(&lines);
             self.indent += 1;
-            let value = if kind == Kind::Real { value.real() } else { value.whole() };
-            self.line(&format!("{name} = {};", value.text));
+            for ((name, kind), value) in names.iter().zip(values) {
+                let value = if *kind == Kind::Real { value.real() } else { value.whole() };
+                self.line(&format!("{name} = {};", value.text));
+            }
             self.indent -= 1;
             self.line(if k == 0 { "} else {" } else { "}" });
         }
-        Expression::atom(name, kind)
+        for (&place, (name, kind)) in group.iter().zip(names) {
+            scope.found[place] = Some(Expression::atom(name, kind));
+        }
     }
 
     /// An expression as it is, or by the name that it gets.
@@ -278,7 +308,7 @@ impl<'a> Function<'a> {
         if guard.terms().any(|term| term.iter().all(|literal| waits(literal.0.index(), scope))) {
             return None;
         }
-        let mut any: Option<Expression> = None;
+        let (mut any, mut terms): (Option<Expression>, _) = (None, BTreeSet::new());
         for term in guard.terms() {
             let mut all: Option<Expression> = None;
             for &(node, holds) in term {
@@ -287,6 +317,9 @@ impl<'a> Function<'a> {
                 all = Some(all.map_or(literal.clone(), |all| Expression::and(&all, &literal)));
             }
             let all = all?;
+            if !terms.insert(all.text.clone()) {
+                continue;
+            }
             any = Some(any.map_or(all.clone(), |any| Expression::or(&any, &all)));
         }
         any
@@ -379,6 +412,11 @@ fn waits(place: usize, scope: &Scope) -> bool {
         }
         match (&scope.operations[place], scope.blocks.decided(place)) {
             (Operation::Select(_, yes, no), Some(holds)) => left.push(if holds { yes } else { no }.index()),
+            // All that share its arms are computed with it.
+            (Operation::Select(..), None) if scope.blocks.has_arms(place) => {
+                let group = scope.blocks.group(place);
+                left.extend(group.iter().flat_map(|&member| scope.operations[member].operands()).map(Node::index));
+            }
             (operation, _) => left.extend(operation.operands().map(Node::index)),
         }
     }
