@@ -93,7 +93,7 @@ impl Fastest {
     }
 
     /// The eigenvalue in words.
-    pub fn to_text(&self) -> String {
+    pub fn to_text(self) -> String {
         let imaginary = self.value.im.abs();
         let both = if imaginary > 0.0 { format!(" +- {}j", number(imaginary)) } else { String::new() };
         format!("{}{both} 1/s after {} s", number(self.value.re), number(self.time))
