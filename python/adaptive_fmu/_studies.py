@@ -186,7 +186,7 @@ def playground(out: PathLike = "playground", *, open: bool = True) -> Path:
     'index.html'
     """
     request = ["playground", f"--out={os.fspath(out)}", *(["--open"] if open else [])]
-    return Path(done(request).stdout.strip())
+    return Path(done(request).text.strip())
 
 
 @contextmanager

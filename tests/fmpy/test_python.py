@@ -131,7 +131,7 @@ def test_errors_are_exceptions_with_what_to_do(tmp_path: Path) -> None:
         loop.run(plant={"omega": "two"})
     with pytest.raises(adaptive_fmu.Error, match="no FMU named `Nix`"):
         adaptive_fmu.export("Nix", out=tmp_path)
-    with pytest.raises(adaptive_fmu.Error, match="there is no unit named `nix`; there are: reference"):
+    with pytest.raises(adaptive_fmu.Error, match="there is no component named `nix`; there are: reference"):
         adaptive_fmu.export(composite=LOOP, without=["nix"], out=tmp_path)
     with pytest.raises(adaptive_fmu.Error, match="diverges") as failed:
         adaptive_fmu.Loop("4-case3").run()
