@@ -382,9 +382,7 @@ fn template(request: &Request) -> Result<Begun, Invalid> {
     }
     write_units(&mut text, &[("x", &plant.x, n), ("u", &plant.u, m), ("y", &plant.y, p)]);
     write_quantities(&mut text, &[("x", plant.x.quantities()), ("u", plant.u.quantities())]);
-    // An output that is a state can't have its name.
-    let clash = plant.y.names.iter().any(|name| plant.x.names.contains(name));
-    let outputs = named(&plant.y, if clash { template::OUTPUT } else { "" });
+    let outputs = template::named_outputs(&plant);
     write_names(&mut text, &[("x", named(&plant.x, "")), ("u", named(&plant.u, "")), ("y", outputs)]);
     text.table("start");
     text.set("x0", all(0.0, n), "state at the start");

@@ -239,6 +239,7 @@ impl Request<'_> {
     /// where there are none. Signals of one name are connected, so a controller would get the state.
     pub fn with_distinct_outputs(&self) -> Option<(Self, String)> {
         let mut plant = self.plant.clone()?;
+        let taken: Vec<_> = [&plant.x, &plant.u, &plant.y].into_iter().flat_map(|of| of.names.clone()).collect();
         let mut renamed = Vec::new();
         for (i, name) in plant.y.names.iter_mut().enumerate() {
             let Some(k) = plant.x.names.iter().position(|state| state == name) else { continue };
@@ -246,7 +247,10 @@ impl Request<'_> {
             let has_feedthrough =
                 plant.D.as_ref().is_some_and(|feedthrough| feedthrough.row(i).iter().any(|&entry| entry != 0.0));
             if has_feedthrough || !(0..plant.C.ncols()).all(shows) {
-                let other = extended(name, OUTPUT);
+                let mut other = extended(name, OUTPUT);
+                while taken.contains(&other) {
+                    other = extended(&other, OUTPUT);
+                }
                 renamed.push(format!("Output `{name}` isn't the state of that name: it is called `{other}`."));
                 *name = other;
             }
@@ -303,7 +307,7 @@ impl Request<'_> {
 }
 
 /// End of the name of an output that is called like a state.
-pub const OUTPUT: &str = "_output";
+const OUTPUT: &str = "_output";
 
 /// Default stop time and communication step of a plant or of its reference, s: usual ones, and longer ones for
 /// a plant that is slow. A controller that needs shorter steps asks for them itself.
@@ -326,7 +330,15 @@ pub fn named(signals: &Signals, behind: &str) -> Vec<String> {
 /// A name with an ending, which stands before its indices.
 fn extended(name: &str, behind: &str) -> String {
     let (name, index) = name.split_at(name.find('[').unwrap_or(name.len()));
-    format!("{}{behind}{index}", name.strip_suffix(behind).unwrap_or(name))
+    format!("{name}{behind}{index}")
+}
+
+/// Names of outputs in the FMU of their plant, none of which has the name of a state.
+pub fn named_outputs(plant: &Plant) -> Vec<String> {
+    let clash = plant.y.names.iter().any(|name| plant.x.names.contains(name));
+    let has_ending = |name: &str| name.split('[').next().is_some_and(|base| base.ends_with(OUTPUT));
+    let other = |name: &String| if clash && !has_ending(name) { extended(name, OUTPUT) } else { name.clone() };
+    plant.y.names.iter().map(other).collect()
 }
 
 /// The table of names: those that are known, and how to give others.

@@ -44,4 +44,4 @@ def part_of_tests(number: int) -> int:
 # For tests of what follows from the framework or from the kind.
 FMUS = FMU_NAMES if ALL else one_of_each_kind(NUMBER)
 LOOPS = LOOP_NAMES if ALL else every_third_loop(NUMBER)
-SUMMARY = f"all {len(FMUS)} FMUs and {len(LOOPS)} loops" if ALL else f"TEST_SAMPLE={NUMBER}: {len(FMUS)} FMUs, {len(LOOPS)} loops"
+SUMMARY = f"TEST_SAMPLE={NUMBER}: {'all ' if ALL else ''}{len(FMUS)} FMUs, {len(LOOPS)} loops"

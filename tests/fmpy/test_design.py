@@ -243,6 +243,17 @@ def test_an_output_with_the_name_of_a_state_is_not_mistaken_for_it(row: list[flo
     assert "Output `speed` isn't the state of that name: it is called `speed_output`." in done.stderr, done.stderr
 
 
+@pytest.mark.parametrize("outputs", [["speed", "speed_output"], ["current", "speed"], ["speed_reference", "current"]])
+def test_a_loop_of_any_names_of_outputs_is_that_of_other_names(outputs: list[str], tmp_path: Path) -> None:
+    plant_ = {"A": [[-1.0, 0.0], [0.0, -2.0]], "B": [[1.0, 0.0], [0.0, 1.0]], "C": [[2.0, 0.0], [0.0, 1.0]]}
+    found = []
+    for k, names in enumerate((outputs, ["one", "other"])):
+        (tmp_path / f"{k}.json").write_text(json.dumps({**plant_, "states": ["speed", "current"], "inputs": ["a", "b"], "outputs": names}))
+        found.append(designed(tmp_path, f"{k}.json", "--bandwidth", "2", "--kinds", "pid,ladrc", "--out", str(k), code=(0, 3)))
+    nominal = [{one["kind"]: one["nominal"] for one in answer["candidates"]} for answer in found]
+    assert nominal[0] == nominal[1] and None not in nominal[0].values()
+
+
 def test_runs_that_would_take_long_are_not_compared_on_any_machine(tmp_path: Path) -> None:
     # L1 control adapts a thousand times faster than this plant settles.
     furnace = ROOT / "examples/zoo/induction_furnace.json"

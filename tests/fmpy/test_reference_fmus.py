@@ -123,15 +123,15 @@ def test_a_plant_has_a_controller_that_is_designed_for_it(order: str, tmp_path: 
 
 
 def test_an_fmu_that_ends_the_simulation_leaves_its_results(tmp_path: Path) -> None:
-    said = done("simulate", reference("Stair"), "--until", "10", "--out", tmp_path, code=1)
-    assert "the FMU requested to end the simulation" in said
+    output = done("simulate", reference("Stair"), "--until", "10", "--out", tmp_path, code=1)
+    assert "the FMU requested to end the simulation" in output
     assert read_csv(tmp_path / "Stair" / "result.csv")["counter"][-1] == 9.0
 
 
 @pytest.mark.parametrize("words", [["simulate"], ["info"], ["linearise"], ["new", "loop", "--units"]])
 def test_clocks_are_refused_with_the_reason(words: list[str]) -> None:
-    said = done(*words, reference("Clocks"), code=1)
-    assert "the FMU is for Scheduled Execution only, whose clocks `adaptive-fmu` can't activate" in said
+    output = done(*words, reference("Clocks"), code=1)
+    assert "the FMU is for Scheduled Execution only, whose clocks `adaptive-fmu` can't activate" in output
 
 
 def test_a_check_of_clocks_names_what_can_be_run() -> None:

@@ -1,6 +1,6 @@
 """fmusim, the simulator of the FMI project, with a unit of FMI 2.0 and with the same of FMI 3.0.
 
-What it is told follows the help of fmusim 0.0.39. Its CVode continues past an input that jumps: in model exchange
+Its options follow the help of fmusim 0.0.39. Its CVode continues past an input that jumps: in model exchange
 inputs stay as they are.
 """
 
@@ -101,15 +101,15 @@ def _simulated(of: Drive, file: Path, elements: Elements, folder: Path, interfac
             words += ["--start-value", name, " ".join(texts)]
     if of.inputs:
         words += ["--input-file", _table(of, elements, folder / "inputs.csv")]
-    said = run(FMUSIM, *words, *options, "--output-file", result, file, folder=folder)
-    assert result.is_file(), said[-300:]
+    output = run(FMUSIM, *words, *options, "--output-file", result, file, folder=folder)
+    assert result.is_file(), output[-300:]
     with result.open(newline="") as text:
         names, *rows = csv.reader(text)
     columns = {name: np.array([cells[k].split() for cells in rows], dtype=float) for k, name in enumerate(names)}
     reached = columns.pop("time")[:, 0]
     near = 1e-3 * of.step
     at = np.searchsorted(reached, times - near) if interface == "cs" else np.searchsorted(reached, times + near) - 1
-    assert reached[-1] > times[-1] - near, f"ended at {reached[-1]} s of {times[-1]} s: {said[-200:]}"
+    assert reached[-1] > times[-1] - near, f"ended at {reached[-1]} s of {times[-1]} s: {output[-200:]}"
     found = {one: columns[name][at, k] for name in columns for k, one in enumerate(elements[name])}
     return Loop(reached[at], found)
 

@@ -419,15 +419,18 @@ impl Design {
 
     /// Reason why it isn't sound, or wasn't compared; none if it is sound.
     pub fn reason(&self) -> Option<String> {
-        let is_meant = |reason: &&NotRun| self.verdict() != Judged::NotSound || matches!(reason, NotRun::Failed(_));
-        let of_runs = || self.loops().filter_map(|ran| ran.as_ref().err()).find(is_meant).map(NotRun::to_string);
+        let mut failed = self.loops().filter_map(|ran| ran.as_ref().err());
         match self.verdict() {
             Judged::Sound => None,
-            Judged::NotCompared => of_runs(),
-            Judged::NotSound => Some(
-                (self.report.reason().or_else(of_runs))
-                    .unwrap_or_else(|| "a loop within the uncertainty does not settle".to_owned()),
-            ),
+            Judged::NotCompared => {
+                let advice = "`check` judges its design, and `run` simulates its loop";
+                failed.next().map(|reason| format!("{reason}. {advice}"))
+            }
+            Judged::NotSound => {
+                let of_runs = || failed.find(|reason| matches!(reason, NotRun::Failed(_))).map(NotRun::to_string);
+                let reason = self.report.reason().or_else(of_runs);
+                Some(reason.unwrap_or_else(|| "a loop within the uncertainty does not settle".to_owned()))
+            }
         }
     }
 

@@ -6,14 +6,15 @@ use crate::error::{Error, Invalid};
 use crate::fmu::Ready;
 use crate::league::bench::{Benched, SENSOR, benched};
 use crate::nominal::WorstPlant;
+use crate::report::number;
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Settings, Structure, Wishes};
-use crate::template::Plant;
+use crate::template::{Plant, named_outputs};
 
 /// Names in the loop.
 const PLANT: &str = "plant";
 const REFERENCE: &str = "reference";
-/// The most communication points of all runs of a candidate: more would take minutes.
+/// The most communication points of a run, and of all runs of a candidate: more would take minutes.
 const MOST_POINTS: f64 = 2e6;
 /// Elementary operations of the FMUs in all these runs, shared among the communication steps of each FMU. The limit counts
 /// operations, not seconds, so it has the same results on every machine.
@@ -36,7 +37,7 @@ impl std::fmt::Display for NotRun {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             NotRun::TooLong(why) => {
-                write!(f, "its runs would take long ({why}). `check` judges its design, and `run` simulates its loop")
+                write!(f, "its runs would take long: {why}")
             }
             NotRun::Failed(reason) => f.write_str(reason),
         }
@@ -83,10 +84,8 @@ pub struct Trial {
     sizes: Vec<f64>,
     /// Start values of sensors, and limits of the FMUs' work.
     start: Vec<(Place, f64)>,
-    /// True if the work of its runs is limited.
-    is_limited: bool,
-    /// True if all its runs together have too many communication points.
-    is_too_long: bool,
+    /// Duration of all its runs together, s, if their work is limited.
+    planned: Option<f64>,
     /// Places of outputs and controls among the signals.
     outputs: Vec<usize>,
     controls: Vec<usize>,
@@ -134,8 +133,9 @@ impl Trial {
         let names = loaded.instantiate(&[])?.names().to_vec();
         let refuse = |what: String| Error::Loop { file: structure.file.clone(), reason: what };
         let place = |name: &str| names.iter().position(|known| known == name);
-        let output = |i: usize| match plant.y.names.get(i) {
-            Some(name) => place(&format!("{PLANT}.{name}_output")).or_else(|| place(&format!("{PLANT}.{name}"))),
+        let outputs = named_outputs(plant);
+        let output = |i: usize| match outputs.get(i) {
+            Some(name) => place(&format!("{PLANT}.{name}")),
             None => place(&format!("{PLANT}.y[{}]", i + 1)),
         };
         let control = |j: usize| {
@@ -150,15 +150,14 @@ impl Trial {
         let outputs = outputs.ok_or_else(|| refuse("an output of the plant isn't in the loop".to_owned()))?;
         let controls = controls.ok_or_else(|| refuse("an input of the plant isn't connected".to_owned()))?;
         let (step, start, sizes) = (structure.step, Vec::new(), sizes.to_vec());
-        Ok(Trial { loaded, step, start, is_limited: false, is_too_long: false, sizes, outputs, controls })
+        Ok(Trial { loaded, step, start, planned: None, sizes, outputs, controls })
     }
 
     /// The same with a limit of the work of its runs, which last so many seconds altogether.
     #[must_use]
     pub(super) fn within(mut self, seconds: f64) -> Self {
         let points = seconds / self.step;
-        self.is_limited = true;
-        self.is_too_long = points > MOST_POINTS;
+        self.planned = Some(seconds);
         let units = self.loaded.units().iter().map(|unit| format!("{}.{WORK_LIMIT}", unit.name));
         let limits = units.filter_map(|name| Some((self.place(&name)?, MOST_WORK / points.max(1.0))));
         let limits: Vec<_> = limits.collect();
@@ -227,8 +226,8 @@ impl Trial {
     }
 
     fn run(&self, start: impl IntoIterator<Item = (Place, f64)>, duration: f64) -> Result<Course, NotRun> {
-        if self.is_too_long {
-            let reason = format!("more than {MOST_POINTS:e} communication steps of {} s", self.step);
+        if duration.max(self.planned.unwrap_or(0.0)) / self.step > MOST_POINTS {
+            let reason = format!("more than {MOST_POINTS:e} communication steps of {} s", number(self.step));
             return Err(NotRun::TooLong(reason));
         }
         let start: Vec<_> = start.into_iter().chain(self.start.iter().copied()).collect();
@@ -246,7 +245,7 @@ impl Trial {
             !is_lost
         });
         ran.map_err(|error| match error.to_string() {
-            reason if self.is_limited && reason.contains(WORK_LIMIT) => {
+            reason if self.planned.is_some() && reason.contains(WORK_LIMIT) => {
                 NotRun::TooLong("communication steps with too many integration steps".to_owned())
             }
             reason => NotRun::Failed(reason),

@@ -209,13 +209,15 @@ fn linearised(
     Plant::parse_for(&plant.to_string(), chosen).map_err(wrong)
 }
 
-/// The limit of an input that is a parameter, as FMUs of this program have it: `u_min[i]` is that of the input i.
+/// The limit of an input that is a parameter, as plants of this program have it: `u_min[i]` is that of the input i, of which
+/// `u_acting[i]` acts.
 fn own_limit(fmu: &ModelDescription, set: &[(String, String)], limit: &str, input: &str) -> Option<f64> {
     if !fmu.is_own() {
         return None;
     }
     let place =
         fmu.variables.iter().filter(|variable| variable.causality == "input").position(|it| it.name == input)?;
+    fmu.variable(&format!("u_acting[{}]", place + 1))?;
     let parameter = fmu.variable(&format!("{limit}[{}]", place + 1))?;
     let given = set.iter().rfind(|(name, _)| *name == parameter.name).map(|(_, value)| value);
     given.or(parameter.start.as_ref())?.parse().ok()
