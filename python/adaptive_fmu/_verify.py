@@ -137,6 +137,7 @@ def verify(
     seed: int = 1,
     same_noise: bool = False,
     separate: bool = False,
+    backend: str = "auto",
     executor: Any = None,
     until: float | None = None,
     step: float | None = None,
@@ -167,6 +168,7 @@ def verify(
     same_noise: True to use the same sensor noise in all runs. Default: False.
     separate: True to simulate the components separately, as `Loop.run` does. Default: False, the loop is one continuous system if
         possible.
+    backend: "gpu" for a graphics card, "cpu" for none. Default: "auto", one is used if it is faster.
     executor: where the runs are carried out, as for `Loop.sweep`; files of `vary_from` must exist on the machines of the workers.
         Default: None, threads of this process.
     out: folder for the results. A call with the same arguments continues the study that is stored there. Default: None, nothing is
@@ -193,6 +195,7 @@ def verify(
     request += [f"--vary-from={name}={os.fspath(file)}" for name, file in vary_from.items()]
     request += [f"--at-most={number(at_most)}"] if at_most is not None else []
     request += [f"--runs={runs}"] if runs is not None else []
+    request += [f"--backend={backend}"] if backend != "auto" else []
     request += [f"--confidence={number(confidence)}", f"--seed={seed}"]
     for option, is_given in (("--rare", rare), ("--same-noise", same_noise), ("--separate", separate), ("--force", force)):
         request += [option] if is_given else []

@@ -22,6 +22,7 @@ pub mod distribution;
 pub mod drawing;
 #[allow(unsafe_code)]
 mod dynamic;
+pub mod ensemble;
 pub mod estimation;
 pub mod explore;
 pub mod exporter;

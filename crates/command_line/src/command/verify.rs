@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use adaptive_fmu::error::{Error, Invalid};
 use adaptive_fmu::structure::LoopFiles;
 use adaptive_fmu::verification::{
-    Asked, Batch, Ended, Outcome, Plan, Record, Requirement, Study, Summary, Tally, Vary, VaryFrom, Verdict,
+    Asked, Backend, Batch, Ended, Outcome, Plan, Record, Requirement, Study, Summary, Tally, Vary, VaryFrom, Verdict,
 };
 use adaptive_fmu::workers::employed;
 use adaptive_fmu::{output, parallel};
@@ -71,6 +71,12 @@ pub struct Arguments {
     /// Seed of the random numbers; the same seed gives the same samples on any number of threads
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Where runs are made: auto, cpu or gpu.
+    ///
+    /// A graphics card with OpenCL and double precision takes many runs at a time in fixed steps. Runs near a limit, and
+    /// a share of the others, are made again on the processor, whose results count. auto uses it where it is faster.
+    #[arg(long, value_name = "BACKEND", default_value_t)]
+    backend: Backend,
     /// Use the same sensor noise in all runs [default: a different seed in each]
     #[arg(long)]
     same_noise: bool,
@@ -154,7 +160,11 @@ impl Task {
         // Where workers have the runs, the loop of none.
         let threads = if employed().is_some() || arguments.job.is_some() { 1 } else { parallel::cores() };
         let load = |structure: &_| units.load(structure, &hosting);
-        let study = Study::new(structure.clone(), settings, &asked, threads, load)?;
+        let mut study = Study::new(structure.clone(), settings, &asked, threads, load)?;
+        // A subset simulation's batches are small, and depend on each other.
+        if !arguments.rare && employed().is_none() && arguments.job.is_none() {
+            study.accelerate(arguments.backend, plan.runs(), &progress::is_interrupted).map_err(wrong)?;
+        }
         let run = options.provenance(&arguments.name, &files, &structure, settings, study.loaded())?;
         let varied: Vec<_> = study.names().into_iter().zip(study.distributions()).collect();
         let drawn = asked.vary_from.iter().map(|of| adaptive_fmu::sealed::checksum_of_file(&of.file));
@@ -180,6 +190,10 @@ impl Task {
             record.write(file)
         };
         let done = |outcomes: &[Outcome], tally: &Tally| {
+            if outcomes.len() < counted {
+                // Fixed steps were too long: the study has begun anew.
+                (record, counted) = (Record::new(&self.question), 0);
+            }
             counter.advance(outcomes.len() - counted, &format!("{} failed", tally.failures));
             counted = outcomes.len();
             let begun = Instant::now();

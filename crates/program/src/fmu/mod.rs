@@ -102,7 +102,7 @@ impl Hosting {
 pub struct Fmu {
     file: PathBuf,
     /// Its unpacked files, which are deleted with it; none if it was never an archive.
-    _folder: Option<Scratch>,
+    folder: Option<Scratch>,
     /// Location of its resources, as its instances get it.
     resources: String,
     /// modelDescription.xml
@@ -175,7 +175,7 @@ impl Fmu {
             Standard::Fmi3 => format!("{}{}", resources.display(), std::path::MAIN_SEPARATOR),
         };
         let file = file.to_owned();
-        Ok(Fmu { file, _folder: Some(folder), resources, text, description, co_simulation, exchange })
+        Ok(Fmu { file, folder: Some(folder), resources, text, description, co_simulation, exchange })
     }
 
     /// An FMU of this library itself, from its description and the modelDescription.xml of that, without an archive.
@@ -189,7 +189,7 @@ impl Fmu {
         let place = Place::Here { binary: Arc::new(Binary::linked().map_err(refuse)?), kernel: None };
         let resources = format!("{DATA_PREFIX}{}", described.replace('%', "%25"));
         let file = PathBuf::from(format!("{}.fmu", description.name));
-        Ok(Fmu { file, _folder: None, resources, text, description, co_simulation: Some(place), exchange: None })
+        Ok(Fmu { file, folder: None, resources, text, description, co_simulation: Some(place), exchange: None })
     }
 
     /// Its archive.
@@ -242,6 +242,12 @@ impl Fmu {
     /// True if its equations are compiled: the library is of this program, in this process.
     pub(crate) fn is_compiled(&self) -> bool {
         self.here().is_some()
+    }
+
+    /// The description that it was exported from, if the library is of this program, in this process.
+    pub(crate) fn own_description(&self) -> Option<String> {
+        self.here()?;
+        std::fs::read_to_string(self.folder.as_ref()?.path().join("resources").join(DESCRIPTION)).ok()
     }
 
     /// Hands compiled equations for common parameters to all further instances for co-simulation.

@@ -38,6 +38,7 @@ impl Pair<'_> {
             let gains = Gains { before: cost, after: cost, runs: self.budget.noises as usize, ..Gains::default() };
             return Ok((!is_interrupted()).then_some(gains));
         }
+        self.fold_once();
         // Factors are searched by their logarithms. The first particle starts at the initial gains.
         let [low, high] = self.budget.gain_range.map(f64::ln);
         let bounds = vec![(low, high); groups.len()];

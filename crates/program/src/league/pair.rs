@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Once;
 
 use super::bench::{CONTROLLER, DELAY_SAMPLES, PLANT, benched};
 use super::condition::{Condition, Deviation};
@@ -15,6 +16,8 @@ use crate::near;
 use crate::simulation::{LoadedLoop, Place};
 use crate::structure::{Draft, Found, LoopFiles, Order, Settings, Structure, Wishes};
 
+/// Factor of gains that differ from the loop's own.
+const OTHER_GAIN: f64 = 1.01;
 /// The parameter of a component or a composite for the accuracy of integration.
 const TOLERANCE: &str = "relative_tolerance";
 /// Factors of tolerance and step with which a failure is repeated.
@@ -42,6 +45,8 @@ pub struct Pair<'a> {
     /// Gains that the search found.
     gains: Vec<(Place, Value)>,
     gains_apart: Vec<(Place, Value)>,
+    /// True once equations are compiled for the parameters that its runs have in common.
+    pub(super) folded: Once,
     /// Checksum of the descriptions of its components.
     pub(super) checksum: String,
 }
@@ -101,6 +106,7 @@ impl<'a> Pair<'a> {
             delayed,
             is_one,
             separate,
+            folded: Once::new(),
             checksum,
         };
         pair.check(&described.description.variables.iter().map(|v| v.name.as_str()).collect::<Vec<_>>())
@@ -223,11 +229,7 @@ impl<'a> Pair<'a> {
             Form::Delayed => (&self.delayed, &self.signals, &self.gains),
             Form::Separate => (&self.separate, &self.apart, &self.gains_apart),
         };
-        let mut start = gains.clone();
-        let tolerance = Value::Real(self.budget.relative_tolerance * fineness);
-        let tolerances = loaded.variables().filter(|(name, ..)| name.rsplit('.').next() == Some(TOLERANCE));
-        start.extend(tolerances.map(|(_, place, _)| (place, tolerance.clone())));
-        start.extend(deviation.start.iter().cloned());
+        let start = self.start(loaded, gains, deviation, fineness);
         let settings = Settings { start_time: 0.0, stop_time: duration, step };
         let mut watch = Watch::new(self.plant, signals, (duration, most));
         let watched = |closed: crate::simulation::ClosedLoop, watch: &mut Watch| {
@@ -237,6 +239,31 @@ impl<'a> Pair<'a> {
             watch.fail(watch.time(), error.to_string());
         }
         watch.outcome()
+    }
+
+    /// Start values of a run.
+    fn start(
+        &self,
+        loaded: &LoadedLoop,
+        gains: &[(Place, Value)],
+        deviation: &Deviation,
+        fineness: f64,
+    ) -> Vec<(Place, Value)> {
+        let tolerance = Value::Real(self.budget.relative_tolerance * fineness);
+        let tolerances = loaded.variables().filter(|(name, ..)| name.rsplit('.').next() == Some(TOLERANCE));
+        let tolerances = tolerances.map(|(_, place, _)| (place, tolerance.clone()));
+        gains.iter().cloned().chain(tolerances).chain(deviation.start.iter().cloned()).collect()
+    }
+
+    /// Compiles the equations for all parameters but those that the search and random plants change, for all further runs as a
+    /// single FMU. Where components refuse the values that show which these are, equations stay for any parameters.
+    pub(super) fn fold(&self, mut deviation: Deviation) {
+        let groups = self.tuned().into_iter().flatten();
+        let gains = groups.filter_map(|(name, value)| Some((self.place(&name).ok()?, OTHER_GAIN * value)));
+        gains.for_each(|(place, value)| deviation.set(place, value));
+        let start = self.start(&self.whole, &[], &deviation, 1.0);
+        let settings = Settings { start_time: 0.0, stop_time: self.plant.duration, step: self.plant.step };
+        LoadedLoop::fold(std::slice::from_ref(&self.whole), &start, &deviation.changes, settings);
     }
 
     /// The confirmed outcome of a run as a single FMU.

@@ -65,11 +65,17 @@ impl Pair<'_> {
     /// If the bench doesn't fit the loop.
     pub fn spread(&self, is_interrupted: &(dyn Fn() -> bool + Sync)) -> Result<Option<Spread>, String> {
         let deviations = (0..self.budget.plants).map(|k| self.random(k)).collect::<Result<Vec<_>, _>>()?;
+        self.fold_once();
         let workers = vec![(); parallel::cores()];
         let judged = parallel::each(&workers, deviations.len(), |(), k| self.judged(&deviations[k], is_interrupted));
         let error = |Judged { outcome, .. }: &Judged| outcome.holds().then(|| outcome.error(self.plant));
         let mended = judged.iter().filter(|judged| judged.mended).count();
         Ok((!is_interrupted()).then(|| Spread { errors: judged.iter().map(error).collect(), mended }))
+    }
+
+    /// Compiles the equations for what all runs of a search or of random plants have in common, at the first of these.
+    pub(super) fn fold_once(&self) {
+        self.folded.call_once(|| self.random(0).into_iter().for_each(|deviation| self.fold(deviation)));
     }
 
     /// Plant k. Its numbers depend only on the seed, k and the plant's parameters, not on the controller.

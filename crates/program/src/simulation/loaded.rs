@@ -230,6 +230,11 @@ impl LoadedLoop {
         within_limits(typed(text, variable)?, variable)
     }
 
+    /// Changes of variables during each run.
+    pub(crate) fn changes(&self) -> &[Change] {
+        &self.changes
+    }
+
     /// Adds events that change variables during the run.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! Verification of a loop by random samples: the part of all runs that fails a requirement, with a confidence; and by
 //! subset simulation, if that part is small.
 
+mod accelerated;
 mod binomial;
 mod distribution;
 mod outcome;
@@ -18,6 +19,7 @@ mod subset;
 mod summary;
 mod varied;
 
+pub use accelerated::Backend;
 pub use distribution::{Distribution, Vary};
 pub use outcome::{Judged, Limits, Outcome, Tally};
 pub use plan::{Plan, Verdict};

@@ -4,6 +4,7 @@ use std::sync::{PoisonError, RwLock};
 
 use serde::{Deserialize, Serialize};
 
+use super::accelerated::Accelerated;
 use super::distribution::Vary;
 use super::outcome::{Limits, Outcome, Tally};
 use super::plan::{Plan, Verdict};
@@ -88,6 +89,9 @@ pub struct Study {
     limits: Limits,
     /// One a thread: other tools' libraries may not allow two instances at work at a time.
     loops: Vec<LoadedLoop>,
+    /// Runs on a device; or why the processor makes all of them, where a device was looked for.
+    pub(super) accelerated: Option<Accelerated>,
+    pub(super) by_processor: Option<String>,
 }
 
 impl Study {
@@ -123,7 +127,20 @@ impl Study {
             loops.push(load(&structure)?);
         }
         let (seed, drawn) = (asked.seed, RwLock::default());
-        let study = Study { structure, settings, events, varied, seed, drawn, labels, limits, loops };
+        let (accelerated, by_processor) = (None, None);
+        let study = Study {
+            structure,
+            settings,
+            events,
+            varied,
+            seed,
+            drawn,
+            labels,
+            limits,
+            loops,
+            accelerated,
+            by_processor,
+        };
         study.fold();
         Ok(study)
     }
@@ -132,9 +149,19 @@ impl Study {
     /// which these are.
     fn fold(&self) {
         let _ = (0..MOST_REFUSED).find(|sample| {
-            let of = self.varied.sample(&self.values(*sample), self.noise(*sample));
+            let of = self.sample(*sample);
             LoadedLoop::fold(&self.loops, &of.start, &of.changes, self.settings)
         });
+    }
+
+    /// Start values and changes of a sample.
+    pub(super) fn sample(&self, sample: u64) -> Sample {
+        self.varied.sample(&self.values(sample), self.noise(sample))
+    }
+
+    /// Settings of a run.
+    pub(super) fn settings(&self) -> Settings {
+        self.settings
     }
 
     /// The loop.
@@ -294,6 +321,11 @@ impl Study {
             };
             let interrupted = (made.len() as u64) < count;
             outcomes.extend(made);
+            if self.accelerated.as_ref().is_some_and(Accelerated::begins_anew) {
+                (tally, counted) = (Tally::default(), 0);
+                outcomes.clear();
+                continue;
+            }
             if interrupted {
                 outcomes[counted..].iter().for_each(|outcome| tally.add(outcome, &self.limits));
                 return Ok(Ended { tally, verdict: None, interrupted, rare: None });
@@ -303,7 +335,8 @@ impl Study {
 
     /// Number of samples between two reports.
     pub(super) fn at_a_time(&self, workers: Option<&dyn Workers>) -> u64 {
-        ROW * if workers.is_some() { BATCHES } else { self.loops.len() as u64 }
+        let by_processor = ROW * if workers.is_some() { BATCHES } else { self.loops.len() as u64 };
+        self.accelerated.as_ref().map_or(by_processor, |device| device.at_a_time().max(by_processor))
     }
 
     /// Ends a study with refused samples if they are more than 1 % of its size, or at a count of those so far.
@@ -328,8 +361,25 @@ impl Study {
         Err(Error::Loop { file: self.structure.file.clone(), reason })
     }
 
-    /// The outcomes of a batch on all threads; fewer if the user stops it.
+    /// The outcomes of a batch, on the device if there is one; fewer if the user stops it.
     pub fn batch(&self, batch: &Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
+        let on_device = match (&self.accelerated, batch) {
+            (Some(device), Batch::Plain { first, count }) => device.batch(self, *first, *count, is_interrupted),
+            _ => None,
+        };
+        on_device.unwrap_or_else(|| self.one_by_one(batch, is_interrupted))
+    }
+
+    /// The outcomes of these samples on all threads; fewer if the user stops it.
+    pub(super) fn each_of(&self, samples: &[u64], is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
+        let made = parallel::each(&self.loops, samples.len(), |loaded, k| {
+            self.run_one(loaded, &self.sample(samples[k]), is_interrupted).map(|(outcome, _)| outcome)
+        });
+        made.into_iter().map_while(|outcome| outcome).collect()
+    }
+
+    /// The outcomes of a batch on all threads; fewer if the user stops it.
+    pub(super) fn one_by_one(&self, batch: &Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
         let count = match batch {
             Batch::Plain { count, .. } => *count as usize,
             Batch::Drawn(drawn) => drawn.len(),
@@ -398,7 +448,7 @@ impl Study {
     }
 
     /// The metrics of a complete run, in the order of their labels.
-    fn ended(&self, measured: Vec<Measured>) -> (Outcome, Vec<Measured>) {
+    pub(super) fn ended(&self, measured: Vec<Measured>) -> (Outcome, Vec<Measured>) {
         let value = |label: &String| measured.iter().find(|metric| metric.label == *label).and_then(|it| it.value);
         let metrics = self.labels.iter().map(|label| value(label).filter(|value| value.is_finite())).collect();
         (Outcome::Ended(metrics), measured)
@@ -410,7 +460,7 @@ impl Study {
     /// When the sample is refused.
     pub fn recorded(&self, sample: Option<u64>) -> Result<Recording, Error> {
         let of = match sample {
-            Some(sample) => self.varied.sample(&self.values(sample), self.noise(sample)),
+            Some(sample) => self.sample(sample),
             None => self.varied.nominal(),
         };
         let closed = self.loops[0].instantiate_changing(&of.start, &of.changes)?;

@@ -113,13 +113,19 @@ impl Summary<'_> {
         counts
     }
 
-    /// Form of a run.
-    pub fn form(&self) -> &'static str {
-        if self.composite {
-            "Each run simulates the loop as one continuous system."
+    /// Form of a run, and where runs were made.
+    pub fn form(&self) -> String {
+        let mut form = if self.composite {
+            "Each run simulates the loop as one continuous system.".to_owned()
         } else {
-            "Each run couples separate FMUs at the communication step."
+            "Each run couples separate FMUs at the communication step.".to_owned()
+        };
+        if let Some(device) = &self.study.accelerated {
+            let _ = write!(form, " {}", device.described(self.study.settings().step));
+        } else if let Some(reason) = &self.study.by_processor {
+            let _ = write!(form, " The processor made all runs: {reason}.");
         }
+        form
     }
 
     /// Numbers of samples that are runs.
@@ -244,6 +250,8 @@ impl Summary<'_> {
             "at_most": self.plan.at_most(), "confidence": self.plan.confidence(),
             "not_ended": tally.not_ended, "without_value": tally.without_value, "refused": tally.refused,
             "one_system": self.composite,
+            "accelerated": self.study.accelerated.as_ref().map(|device| device.json(self.study.settings().step)),
+            "by_processor": self.study.by_processor,
             "rare": self.ended.rare.as_ref().map(|found| self.rare_json(found)),
             "requirements": self.study.limits().of.iter().enumerate().map(limit).collect::<Vec<_>>(),
             "varied": self.indices().into_iter().map(index).collect::<Vec<_>>(),

@@ -1,5 +1,6 @@
 //! Tests of the program: loops, their structure and figures, claims of the thesis; and dependencies within its sources.
 
+mod ensemble;
 mod figures;
 mod loops;
 mod loops_of_others;

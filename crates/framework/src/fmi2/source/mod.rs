@@ -6,6 +6,7 @@
 
 pub(crate) mod blocks;
 mod derivatives;
+pub mod ensemble;
 mod equations;
 pub(crate) mod expression;
 mod fmi3;
@@ -16,6 +17,7 @@ pub(crate) mod names;
 mod tables;
 
 use crate::error::Invalid;
+use crate::execution::Settled;
 use crate::fmi2::fmi3::build_description;
 use crate::fmi2::logger;
 use crate::model::{Block, Model, Standard};
@@ -141,6 +143,14 @@ impl<'a> Unit<'a> {
             unit.known_reals[place] = is_leaf(related.reals[place], Leaf::Real(place as u32));
         }
         Ok(unit)
+    }
+
+    /// Returns it with some values of a block as constants.
+    fn settled(model: &'a Model, block: &Block, settled: &Settled) -> Self {
+        let mut unit = Unit { start: block.clone(), ..Unit::tunable(model) };
+        settled.reals.iter().for_each(|(place, _)| unit.known_reals[*place as usize] = true);
+        settled.integers.iter().for_each(|(place, _)| unit.known_integers[*place as usize] = true);
+        unit
     }
 
     fn real_name(&self, place: usize) -> &str {

@@ -1,0 +1,375 @@
+//! Runs on a graphics card. It takes fixed steps, so a part of the runs is made again with error control on the processor, whose
+//! results count: every run that isn't complete, every run near a limit, and a share of all, which show how accurate the others
+//! are.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::outcome::{Limits, Outcome};
+use super::study::{Batch, Study};
+use crate::ensemble::{Device, Runner};
+use crate::parallel;
+use crate::report::number;
+use crate::results::Meter;
+use crate::simulation::Recording;
+use crate::structure::Structure;
+
+/// Runs by which fixed steps are chosen.
+const PILOT: u64 = 100;
+/// Further on, one of so many runs is made again, and so many of them at most.
+const AGAIN: u64 = 100;
+const MOST_AGAIN: u64 = 1000;
+/// The largest difference of a metric in parts of its limit: of the pilot, and of all runs.
+const PILOT_DIFFERENCE: f64 = 2e-4;
+const DIFFERENCE: f64 = 1e-3;
+/// Runs are near a limit within so many times the largest difference.
+const NEAR: f64 = 3.0;
+/// Fewer seconds on the processor aren't worth a kernel.
+const WORTH_IT: f64 = 10.0;
+/// The most fixed steps of a run.
+const MOST_STEPS: usize = 10_000_000;
+
+/// Place where runs are made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Backend {
+    /// The graphics card, where there is one that is faster.
+    #[default]
+    Auto,
+    /// The processor.
+    Cpu,
+    /// The graphics card.
+    Gpu,
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Backend::Auto => "auto",
+            Backend::Cpu => "cpu",
+            Backend::Gpu => "gpu",
+        })
+    }
+}
+
+impl FromStr for Backend {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let all = [Backend::Auto, Backend::Cpu, Backend::Gpu];
+        all.into_iter().find(|it| it.to_string() == text).ok_or_else(|| "must be auto, cpu or gpu".to_owned())
+    }
+}
+
+/// A study's runs on a device.
+#[derive(Debug)]
+pub(super) struct Accelerated {
+    runner: Runner,
+    /// Results of the first samples with error control.
+    pilot: Vec<Outcome>,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct State {
+    /// Fixed steps in a communication step.
+    substeps: usize,
+    /// Largest difference so far, in parts of a limit.
+    largest: f64,
+    /// Number of runs on the device, and of those that were made again.
+    made: u64,
+    again: u64,
+    /// True once longer fixed steps have proved too inaccurate: earlier results don't count.
+    begins_anew: bool,
+    /// Why the processor makes all further runs.
+    failure: Option<String>,
+}
+
+/// The names of the signals without which the metrics are others.
+fn needed(structure: &Structure, signals: &Recording) -> Vec<String> {
+    let labels = |names: &[String]| {
+        let columns = vec![Vec::new(); names.len()];
+        let mut signals = Recording { names: names.to_vec(), columns, ..Recording::default() };
+        Meter::new(structure, &mut signals).ok().map(|meter| meter.labels())
+    };
+    let mut names = signals.names.clone();
+    let all = labels(&names);
+    for name in &signals.names {
+        let fewer: Vec<String> = names.iter().filter(|other| *other != name).cloned().collect();
+        if labels(&fewer) == all {
+            names = fewer;
+        }
+    }
+    names
+}
+
+/// The largest difference of metrics with limits, in parts of these; infinite where only one has a value. Times may differ
+/// by a communication step.
+fn difference(limits: &Limits, step: f64, one: &Outcome, other: &Outcome) -> f64 {
+    let (Outcome::Ended(one), Outcome::Ended(other)) = (one, other) else { return f64::INFINITY };
+    let of = |(limit, &place): (&super::requirement::Limit, &usize)| match (one[place], other[place]) {
+        (None, None) => 0.0,
+        (Some(one), Some(other)) => ((one - other).abs() - points(&limit.label, step)).max(0.0) / scale(limit.value),
+        _ => f64::INFINITY,
+    };
+    limits.of.iter().zip(&limits.places).map(of).fold(0.0, f64::max)
+}
+
+/// True if a run's metric is so near its limit that an error of this size matters, or has no value.
+fn is_near(limits: &Limits, step: f64, outcome: &Outcome, error: f64) -> bool {
+    let Outcome::Ended(metrics) = outcome else { return true };
+    limits.of.iter().zip(&limits.places).any(|(limit, &place)| {
+        let within = NEAR * error * scale(limit.value) + points(&limit.label, step);
+        metrics[place].is_none_or(|value| (value - limit.value).abs() <= within)
+    })
+}
+
+fn is_complete(outcome: &Outcome) -> bool {
+    matches!(outcome, Outcome::Ended(_))
+}
+
+fn too_many() -> String {
+    format!("with {MOST_STEPS} fixed steps in a run, metrics are less accurate than {DIFFERENCE} of their limits")
+}
+
+fn scale(limit: f64) -> f64 {
+    if limit == 0.0 { 1.0 } else { limit.abs() }
+}
+
+/// Difference of a metric that is the time of a point.
+fn points(label: &str, step: f64) -> f64 {
+    if label.ends_with(", s") { 1.001 * step } else { 0.0 }
+}
+
+impl Study {
+    /// Looks for a device for the runs, and chooses its fixed steps by the first samples.
+    ///
+    /// # Errors
+    /// When a graphics card is asked for and there is none.
+    pub fn accelerate(
+        &mut self,
+        backend: Backend,
+        runs: u64,
+        is_interrupted: &(impl Fn() -> bool + Sync),
+    ) -> Result<(), String> {
+        if backend == Backend::Cpu {
+            return Ok(());
+        }
+        let device = match Device::find() {
+            Ok(device) => device,
+            Err(_) if backend == Backend::Auto => return Ok(()),
+            Err(reason) => return Err(format!("--backend gpu: {reason}")),
+        };
+        match self.begin(device, backend, runs, is_interrupted) {
+            Ok(accelerated) => self.accelerated = Some(accelerated),
+            Err(reason) => self.by_processor = Some(reason),
+        }
+        Ok(())
+    }
+
+    fn begin(
+        &self,
+        device: Device,
+        backend: Backend,
+        runs: u64,
+        is_interrupted: &(impl Fn() -> bool + Sync),
+    ) -> Result<Accelerated, String> {
+        let loaded = self.loaded();
+        let of = |sample| {
+            let sample = self.sample(sample);
+            (sample.start, sample.changes)
+        };
+        let samples: Vec<_> = (0..8).map(of).collect();
+        let recorded = needed(self.structure(), &loaded.signals());
+        let runner = Runner::new(device, loaded, &recorded, &samples, self.settings())?;
+        let (count, begun) = (PILOT.min(runs), Instant::now());
+        let pilot = self.by_processor(0..count, is_interrupted);
+        let pace = begun.elapsed().as_secs_f64() / count as f64;
+        if !pilot.iter().any(is_complete) {
+            return Err("none of the first runs is complete".to_owned());
+        }
+        if backend == Backend::Auto && (runs - count) as f64 * pace < WORTH_IT {
+            return Err(format!("it needs less than {WORTH_IT} s"));
+        }
+        let accelerated = Accelerated { runner, pilot, state: Mutex::default() };
+        let begun = Instant::now();
+        let (substeps, largest) = accelerated.chosen(self, is_interrupted)?;
+        let device = accelerated.runner.device();
+        // A card takes as long for all that it has room for. The last choice took half of the time.
+        let at_a_time = if device.is_gpu { device.runs as f64 } else { count as f64 };
+        if backend == Backend::Auto && 0.5 * begun.elapsed().as_secs_f64() / at_a_time >= pace {
+            return Err(format!("{} is slower than the processor", device.name));
+        }
+        *accelerated.state() = State { substeps, largest, ..State::default() };
+        Ok(accelerated)
+    }
+
+    /// Outcomes of samples with error control.
+    fn by_processor(&self, samples: std::ops::Range<u64>, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
+        self.one_by_one(&Batch::Plain { first: samples.start, count: samples.end - samples.start }, is_interrupted)
+    }
+}
+
+impl Accelerated {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Fixed steps in a communication step by which the first samples are accurate, and their largest difference.
+    fn chosen(&self, study: &Study, is_interrupted: &(impl Fn() -> bool + Sync)) -> Result<(usize, f64), String> {
+        let (step, limits, count) = (study.settings().step, study.limits(), self.pilot.len() as u64);
+        let (steps, mut substeps) = (study.settings().steps().max(1), 1);
+        while steps.saturating_mul(substeps) <= MOST_STEPS && !is_interrupted() {
+            let found = self.outcomes(study, 0..count, substeps, is_interrupted)?;
+            let pairs = found.iter().zip(&self.pilot).filter(|(_, exact)| is_complete(exact));
+            let largest = pairs.map(|(one, exact)| difference(limits, step, one, exact)).fold(0.0, f64::max);
+            if largest <= PILOT_DIFFERENCE {
+                let near = found.iter().filter(|outcome| is_near(limits, step, outcome, largest)).count();
+                if 2 * near > found.len() {
+                    return Err(format!("{near} of {count} runs are so near a limit that they need error control"));
+                }
+                return Ok((substeps, largest));
+            }
+            substeps *= 2;
+        }
+        Err(too_many())
+    }
+
+    /// Number of samples at a time.
+    pub fn at_a_time(&self) -> u64 {
+        self.runner.device().runs as u64
+    }
+
+    /// True once after the fixed steps were halved: the study begins anew.
+    pub fn begins_anew(&self) -> bool {
+        std::mem::take(&mut self.state().begins_anew)
+    }
+
+    /// Outcomes of samples by fixed steps; those that can't be made are not complete.
+    fn outcomes(
+        &self,
+        study: &Study,
+        samples: std::ops::Range<u64>,
+        substeps: usize,
+        is_interrupted: &(impl Fn() -> bool + Sync),
+    ) -> Result<Vec<Outcome>, String> {
+        let workers: Vec<()> = vec![(); parallel::cores()];
+        let first = samples.start;
+        let count = (samples.end - first) as usize;
+        let starts = parallel::each(&workers, count, |(), k| {
+            let sample = study.sample(first + k as u64);
+            self.runner.start(&sample.start, &sample.changes)
+        });
+        let mut made = vec![Outcome::NotEnded("is not for fixed steps".to_owned()); count];
+        let (places, starts): (Vec<usize>, Vec<_>) =
+            starts.into_iter().enumerate().filter_map(|(k, start)| Some((k, start?))).unzip();
+        if starts.is_empty() {
+            return Ok(made);
+        }
+        let meters: Vec<Mutex<Option<Meter>>> = starts.iter().map(|_| Mutex::new(None)).collect();
+        let complete = self.runner.run(&starts, substeps, |rows| {
+            parallel::each(&workers, meters.len(), |(), run| {
+                let (mut points, mut meter) =
+                    (rows.of(run), meters[run].lock().unwrap_or_else(PoisonError::into_inner));
+                if meter.is_none() {
+                    *meter = Meter::new(study.structure(), &mut points).ok();
+                } else {
+                    // The names of ideal models, as at the first points.
+                    let _ = Meter::new(study.structure(), &mut points);
+                }
+                meter.iter_mut().for_each(|meter| meter.add(&mut points));
+            });
+            !is_interrupted()
+        })?;
+        let Some(complete) = complete else { return Ok(Vec::new()) };
+        for ((place, meter), complete) in places.into_iter().zip(meters).zip(complete) {
+            let meter = meter.into_inner().unwrap_or_else(PoisonError::into_inner);
+            if let (true, Some(meter)) = (complete, meter) {
+                made[place] = study.ended(meter.measured()).0;
+            }
+        }
+        Ok(made)
+    }
+
+    /// Outcomes of samples, in their order; fewer if the user stops it, none at all where the device has failed.
+    pub fn batch(
+        &self,
+        study: &Study,
+        first: u64,
+        count: u64,
+        is_interrupted: &(impl Fn() -> bool + Sync),
+    ) -> Option<Vec<Outcome>> {
+        let State { substeps, failure, largest, .. } = self.state().clone();
+        if failure.is_some() {
+            return None;
+        }
+        let known = self.pilot.iter().skip(first as usize).take(count as usize).cloned();
+        let mut made: Vec<Outcome> = known.collect();
+        let from = first + made.len() as u64;
+        let further = match self.outcomes(study, from..first + count, substeps, is_interrupted) {
+            Ok(further) => further,
+            Err(reason) => {
+                self.state().failure = Some(reason);
+                return None;
+            }
+        };
+        let step = study.settings().step;
+        let is_sampled = |sample: u64| sample.is_multiple_of(AGAIN) && sample / AGAIN < MOST_AGAIN;
+        let is_again = |(k, outcome): &(usize, &Outcome)| {
+            is_sampled(from + *k as u64) || is_near(study.limits(), step, outcome, largest)
+        };
+        let again: Vec<usize> = further.iter().enumerate().filter(is_again).map(|(k, _)| k).collect();
+        let exact = study.each_of(&again.iter().map(|k| from + *k as u64).collect::<Vec<_>>(), is_interrupted);
+        let interrupted = exact.len() < again.len();
+        self.learn(study, (&further, &again, &exact), substeps);
+        let valid = if interrupted { again.get(exact.len()).copied().unwrap_or_default() } else { further.len() };
+        made.extend(further.into_iter().take(valid));
+        let before = made.len() - valid;
+        again.iter().zip(exact).filter(|(k, _)| **k < valid).for_each(|(k, outcome)| made[before + k] = outcome);
+        Some(made)
+    }
+
+    /// Takes what runs that were made again show of the others.
+    fn learn(&self, study: &Study, (made, again, exact): (&[Outcome], &[usize], &[Outcome]), substeps: usize) {
+        let pairs = again.iter().map(|k| &made[*k]).zip(exact);
+        let complete = pairs.filter(|pair| matches!(pair, (Outcome::Ended(_), Outcome::Ended(_))));
+        let differences = complete.map(|(one, exact)| difference(study.limits(), study.settings().step, one, exact));
+        let mut state = self.state();
+        state.made += made.len() as u64;
+        state.again += again.len() as u64;
+        state.largest = differences.fold(state.largest, f64::max);
+        if state.largest > DIFFERENCE {
+            let steps = study.settings().steps().saturating_mul(2 * substeps);
+            let failure = (steps > MOST_STEPS).then(too_many);
+            *state = State { substeps: 2 * substeps, begins_anew: true, failure, ..State::default() };
+        }
+    }
+
+    /// Origin and accuracy of the runs, in words.
+    pub fn described(&self, step: f64) -> String {
+        let State { substeps, largest, made, again, failure, .. } = self.state().clone();
+        let name = &self.runner.device().name;
+        if let Some(reason) = failure {
+            return format!("Runs on {name} ended, and the processor made the others: {reason}.");
+        }
+        format!(
+            "{made} runs were made on {name} in fixed steps of {} s; {} of all runs with error control. Where both were \
+             made, metrics differ by at most {:.1e} of their limits.",
+            number(step / substeps as f64),
+            again + self.pilot.len() as u64,
+            largest
+        )
+    }
+
+    /// The same for scripts.
+    pub fn json(&self, step: f64) -> Value {
+        let State { substeps, largest, made, again, failure, .. } = self.state().clone();
+        json!({
+            "device": self.runner.device().name, "fixed_step": step / substeps as f64, "runs": made,
+            "with_error_control": again + self.pilot.len() as u64, "largest_difference": largest, "failure": failure,
+        })
+    }
+}
