@@ -36,6 +36,9 @@ const LAUNCH: Duration = Duration::from_millis(250);
 /// A change that isn't due.
 const NEVER: u32 = u32::MAX;
 
+/// Start values of a run, and changes during it.
+pub type Given = (Vec<(Place, Value)>, Vec<Change>);
+
 /// Communication steps, and the fixed steps in each.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid {
@@ -98,7 +101,7 @@ impl Runner {
         device: Device,
         loaded: &LoadedLoop,
         recorded: &[String],
-        samples: &[(Vec<(Place, Value)>, Vec<Change>)],
+        samples: &[Given],
         settings: Settings,
     ) -> Result<Self, String> {
         let mut prepared = Prepared::new(loaded, settings)?;

@@ -373,3 +373,39 @@ impl Accelerated {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::requirement::{Limit, Side};
+    use super::*;
+
+    const STEP: f64 = 1e-3;
+
+    fn limits() -> Limits {
+        let limit = |label: &str, value| Limit { label: label.to_owned(), side: Side::AtMost, value };
+        Limits { of: vec![limit("max |u|", 2.0), limit("settling time of y, s", 0.5)], places: vec![0, 1] }
+    }
+
+    fn ended(metrics: [f64; 2]) -> Outcome {
+        Outcome::Ended(metrics.map(|value| Some(value).filter(|value| value.is_finite())).to_vec())
+    }
+
+    #[test]
+    fn differences_are_parts_of_limits_and_times_may_be_those_of_neighbouring_points() {
+        let of = |one, other| difference(&limits(), STEP, &ended(one), &ended(other));
+        assert!((of([1.0, 0.3], [1.1, 0.301]) - 0.05).abs() < 1e-12);
+        assert!((of([1.0, 0.3], [1.0, 0.304]) - 0.006).abs() < 1e-5);
+        assert_eq!(of([1.0, f64::NAN], [1.0, f64::NAN]), 0.0);
+        assert_eq!(of([1.0, f64::NAN], [1.0, 0.3]), f64::INFINITY);
+        assert_eq!(difference(&limits(), STEP, &ended([1.0, 0.3]), &Outcome::NotEnded(String::new())), f64::INFINITY);
+    }
+
+    #[test]
+    fn runs_near_a_limit_or_without_a_value_need_error_control() {
+        let near = |metrics| is_near(&limits(), STEP, &ended(metrics), 2e-3);
+        // 3 times 2e-3 of 2, on both sides.
+        assert!(near([1.989, 0.3]) && near([2.011, 0.3]) && !near([1.987, 0.3]) && !near([2.013, 0.3]));
+        assert!(near([1.0, 0.4965]) && !near([1.0, 0.49]) && near([1.0, f64::NAN]));
+        assert!(is_near(&limits(), STEP, &Outcome::NotEnded(String::new()), 0.0));
+    }
+}
