@@ -6,7 +6,8 @@ use super::Fallback;
 use super::functions::{Structs, limits_of_control};
 use super::header::flags;
 use super::law::{Law, Recorded, leaves};
-use super::members::Member;
+use super::members::{Member, each};
+use super::runge_kutta;
 use crate::recording::{Leaf, Node, Recording};
 use crate::system::{Data, Section};
 
@@ -170,34 +171,20 @@ pub(super) enum Writes {
 /// The functions of the driver.
 pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
     [
-        loops(law, structs, driver),
+        soundness(law, structs, driver),
         settle(law, driver),
-        integrate(law, driver),
+        runge_kutta::write(law, structs, driver),
         advance(law, structs, driver),
         checks(structs),
     ]
     .concat()
 }
 
-/// Operations on all states.
-fn loops(law: &Law, structs: &Structs, driver: &Driver) -> String {
-    let mut text = String::new();
-    if driver.has_states {
-        let states = |line: &str| structs.states.list.iter().map(|member| member.each(line)).collect::<String>();
-        let _ = write!(
-            text,
-            "/* The states h further along these rates. */\nstatic void §_along(const §_states *from, real h, const §_states *rates, \
-             §_states *to)\n{{\n{}}}\n\n/* Adds so many times the rates. */\nstatic void §_add(§_states *sum, real times, const \
-             §_states *rates)\n{{\n{}}}\n\n",
-            states("to->@ = from->@ + h * rates->@;"),
-            states("sum->@ += times * rates->@;")
-        );
-    }
-    let of_states: String =
-        structs.states.list.iter().map(|member| member.each("sound = sound && F(fabs)(x->@) <= R(1e12);")).collect();
+/// The check of states and outputs.
+fn soundness(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let of_states = each(&structs.states.list, &["sound = sound && F(fabs)(x->@) <= R(1e12);"]);
     let outputs: String = sound_outputs(law, structs);
-    let _ = write!(
-        text,
+    format!(
         "/* True if states and outputs are numbers, and not beyond any use. */\nstatic bool §_is_sound({})\n{{\n    bool sound = \
          true;\n{of_states}{outputs}    return sound;\n}}\n\n",
         [driver.has_states.then_some("const §_states *x"), (!outputs.is_empty()).then_some("const §_outputs *out")]
@@ -205,8 +192,7 @@ fn loops(law: &Law, structs: &Structs, driver: &Driver) -> String {
             .flatten()
             .collect::<Vec<_>>()
             .join(", ")
-    );
-    text
+    )
 }
 
 fn sound_outputs(law: &Law, structs: &Structs) -> String {
@@ -238,55 +224,8 @@ fn settle(law: &Law, driver: &Driver) -> String {
 }
 
 /// Parameters of a function that changes states and evaluates signals.
-fn declared_with_signals(driver: &Driver, law: &Law) -> String {
+pub(super) fn declared_with_signals(driver: &Driver, law: &Law) -> String {
     driver.declared(law, Writes::State).replace("const §_signals *y", "§_signals *y")
-}
-
-/// A period by Runge-Kutta steps of order 4.
-fn integrate(law: &Law, driver: &Driver) -> String {
-    if !driver.has_states {
-        return String::new();
-    }
-    let begins = if law.reads_time { "const real begin = t + (real)k * h;\n        " } else { "" };
-    let rates = |x: &str, to: &str, later: &str| {
-        let t = format!("begin{later}");
-        let called = driver.called(law, Writes::Rates, x, &t);
-        format!("§_rates({});", called.strip_suffix("dx").unwrap_or(&called).to_owned() + to)
-    };
-    let find = match law.constants[..] {
-        [] => String::new(),
-        _ => format!("    §_find_constants({});\n", driver.called(law, Writes::Constants, "x", "t")),
-    };
-    let events = if driver.has_events && law.events_within {
-        let called = driver.called(law, Writes::State, "x", "begin + h");
-        let again = if find.is_empty() {
-            String::new()
-        } else {
-            format!("        if (events > 0) {{\n{}        }}\n", indented(&indented(&find)))
-        };
-        format!(
-            "        const int events = §_settle({called});\n        if (events < 0) {{\n            return \
-             1;\n        }}\n{again}"
-        )
-    } else {
-        String::new()
-    };
-    let y = if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
-    let unused = if driver.has_signals && events.is_empty() { "    (void)y;\n" } else { "" };
-    let once = if find.is_empty() { String::new() } else { "    §_constants c;\n".to_owned() + &find };
-    format!(
-        "/* One period by Runge-Kutta steps of order 4, inputs constant; not 0 where events don't end. */\nstatic int \
-         §_integrate({y})\n{{\n    const real h = R({:?}) / (real)§_SUBSTEPS;\n{unused}{once}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
-         {begins}§_states rates;\n        §_states sum;\n        §_states to;\n        {}\n        §_along(x, R(0.5) * h, &sum, &to);\n        {}\n        \
-         §_add(&sum, R(2.0), &rates);\n        §_along(x, R(0.5) * h, &rates, &to);\n        {}\n        §_add(&sum, R(2.0), \
-         &rates);\n        §_along(x, h, &rates, &to);\n        {}\n        §_add(&sum, R(1.0), &rates);\n        to = \
-         *x;\n        §_along(&to, h / R(6.0), &sum, x);\n{events}    }}\n    return 0;\n}}\n\n",
-        law.period,
-        rates("x", "&sum", ""),
-        rates("&to", "&rates", " + R(0.5) * h"),
-        rates("&to", "&rates", " + R(0.5) * h"),
-        rates("&to", "&rates", " + h"),
-    )
 }
 
 /// One step of a copy of the states.
@@ -342,7 +281,7 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
 }
 
 /// Lines, one level further in.
-fn indented(lines: &str) -> String {
+pub(super) fn indented(lines: &str) -> String {
     lines.lines().map(|line| format!("    {line}\n")).collect()
 }
 

@@ -190,6 +190,27 @@ impl Member {
     }
 }
 
+/// Lines of C that do something with each number of these members, `@` in a text. Members of one length share a loop: counting takes
+/// as long as what is done.
+pub(super) fn each(members: &[Member], lines: &[&str]) -> String {
+    let mut loops: Vec<(Option<usize>, String)> = Vec::new();
+    for member in members {
+        let size = member.is_array.then_some(member.elements.len());
+        let (indent, place) = if member.is_array { ("        ", "[i]") } else { ("    ", "") };
+        let number = format!("{}{place}", member.name);
+        let text: String = lines.iter().map(|line| format!("{indent}{}\n", line.replace('@', &number))).collect();
+        match loops.iter_mut().find(|(other, _)| *other == size) {
+            Some((_, body)) => body.push_str(&text),
+            None => loops.push((size, text)),
+        }
+    }
+    let whole = |(size, body): (Option<usize>, String)| match size {
+        Some(size) => format!("    for (int i = 0; i < {size}; i++) {{\n{body}    }}\n"),
+        None => body,
+    };
+    loops.into_iter().map(whole).collect()
+}
+
 /// Bytes and alignment of a struct of members with these.
 pub(super) fn aligned(members: impl Iterator<Item = (usize, usize)>) -> (usize, usize) {
     let next = |(end, most): (usize, usize), (size, align): (usize, usize)| {

@@ -18,6 +18,7 @@ mod live;
 mod members;
 mod parameters;
 mod replay;
+mod runge_kutta;
 mod substeps;
 mod vectors;
 mod work;
