@@ -38,42 +38,54 @@ const CHECKS: &str = "\
 
 ";
 
-/// Macros of numbers: name, argument, and what they are in float and in double.
-const MACROS: [(&str, &str, &str, &str); 4] = [
-    ("R", "x", "x##f", "x"),
-    ("F", "name", "name##f", "name"),
-    ("LARGE", "x", "FLT_MAX", "x"),
-    ("SMALL", "x", "FLT_MIN", "x"),
+/// Macros of numbers, and what they are in float and in double.
+const MACROS: [(&str, &str, &str); 5] = [
+    ("R(x)", "x##f", "x"),
+    ("F(name)", "name##f", "name"),
+    ("LARGE(x)", "FLT_MAX", "x"),
+    ("SMALL(x)", "FLT_MIN", "x"),
+    ("LARGEST", "FLT_MAX", "DBL_MAX"),
 ];
 
 /// Macros of numbers that a text uses, and the lines that end them.
 fn macros(text: &str) -> (String, String) {
     let (mut float, mut double, mut ends) = (String::new(), String::new(), String::from("#undef real\n"));
-    for (name, argument, in_float, in_double) in MACROS.iter().filter(|(name, ..)| text.contains(&format!("{name}("))) {
-        float += &format!("#define {name}({argument}) {in_float}\n");
-        double += &format!("#define {name}({argument}) {in_double}\n");
-        ends += &format!("#undef {name}\n");
+    for (call, in_float, in_double) in MACROS {
+        let name = call.split('(').next().unwrap_or_default();
+        if text.contains(&call[..call.len().min(name.len() + 1)]) {
+            float += &format!("#define {call} {in_float}\n");
+            double += &format!("#define {call} {in_double}\n");
+            ends += &format!("#undef {name}\n");
+        }
     }
     let about = "/* Numbers of this file: R(x) is a constant, F(name) a function of <math.h>. */";
     let begins = format!("{about}\n#define real §_real\n#ifdef §_FLOAT\n{float}#else\n{double}#endif\n\n");
     (begins, ends + "#undef §_READY\n")
 }
 
-/// Functions that equations call; sources of FMUs have them, too.
-const HELPERS: [&str; 4] = ["sign", "wrapped", "whole", "power"];
+/// Functions that equations call; sources of FMUs have them, too. A function comes before those that call it.
+const HELPERS: [&str; 5] = ["sign", "wrapped_far", "wrapped", "whole", "power"];
+/// Those that are called rarely: they are there once.
+const RARE: [&str; 1] = ["wrapped_far"];
 
 /// The functions that a text calls, with macros by which it does, and what ends these.
 fn helpers(text: &str) -> (String, String) {
-    let calls = |name: &&str| {
+    let (mut written, mut ends) = (String::new(), String::new());
+    for name in HELPERS.into_iter().rev() {
         let call = format!("{name}(");
-        text.match_indices(&call).any(|(at, _)| !text[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
-    };
-    let called: Vec<&str> = HELPERS.into_iter().filter(calls).collect();
-    let written = |name: &&str| {
-        let text = numbers(name).replace(&format!("{name}("), &format!("§_{name}("));
-        format!("{text}\n#define {name} §_{name}\n\n")
-    };
-    (called.iter().map(written).collect(), called.iter().map(|name| format!("#undef {name}\n")).collect())
+        let is_called = |text: &str| {
+            text.match_indices(&call).any(|(at, _)| !text[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
+        };
+        if is_called(text) || is_called(&written) {
+            let mut own = numbers(name).replace(&call, &format!("§_{call}"));
+            if RARE.contains(&name) {
+                own = own.replace("static inline", "static");
+            }
+            written = format!("{own}\n#define {name} §_{name}\n\n{written}");
+            ends = format!("#undef {name}\n{ends}");
+        }
+    }
+    (written, ends)
 }
 
 /// A function of the runtime of FMUs, with its comment.

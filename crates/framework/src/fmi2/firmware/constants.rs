@@ -4,7 +4,7 @@
 use std::rc::Rc;
 
 use super::functions::PARAMETERS;
-use super::law::{Law, is_in};
+use super::law::{EVALUATED, Law, Places, Recorded, is_in, leaves};
 use crate::fmi2::source::blocks::is_total;
 use crate::fmi2::source::expression::Kind;
 use crate::fmi2::source::names::Names;
@@ -24,10 +24,43 @@ pub(super) struct Constant {
     pub name: String,
 }
 
-/// The state equation of a law in two parts: constants of a step with their recording, and one in which they are given, by number.
-pub(super) fn split(law: &Law) -> (Vec<Constant>, [Recording; 2]) {
+/// True if nothing reads signals before the end of a step, whose constants are known where there are states.
+pub(super) fn evaluates_once(law: &Law) -> bool {
+    let variables = law.variables();
+    let is_signal = |leaf: Leaf| match leaf {
+        Leaf::Real(place) => {
+            let place = place as usize;
+            is_in(&EVALUATED, |section| variables.reals(section), place) && law.constant(place).is_none()
+        }
+        Leaf::Integer(place) => is_in(&EVALUATED, |section| variables.integers(section), place as usize),
+        _ => false,
+    };
+    let reads = |recording: &Recording, nodes: &[Node]| leaves(recording, nodes).into_iter().any(is_signal);
+    let changes = |recording: &Recording| {
+        let (reals, integers) = law.changed(recording);
+        reads(recording, &reals.into_iter().chain(integers).map(|(_, node)| node).collect::<Vec<_>>())
+    };
+    let Recorded { indicators, event, parameters_changed, .. } = &law.recorded;
+    let results: Vec<Node> = law.indicators.iter().map(|&k| indicators.results[k]).collect();
+    let is_earlier = reads(indicators, &results) || changes(event) || changes(parameters_changed);
+    law.every == 0 && !law.rates().is_empty() && !is_earlier
+}
+
+/// The number of operations that signals and the state equation of a law have in common.
+pub(super) fn shared(law: &Law) -> usize {
+    let nodes = |of: Places| of.into_iter().map(|(_, node)| node).collect::<Vec<_>>();
+    let [of_rates, of_signals] = [nodes(law.rates()), [nodes(law.signals()), nodes(law.whole_signals())].concat()];
+    let tape = &law.recorded.rates.tape;
+    let operations = tape.operations().iter().zip(tape.needed(&of_rates)).zip(tape.needed(&of_signals));
+    operations.filter(|((operation, one), other)| *one && *other && operation.operands().next().is_some()).count()
+}
+
+/// The evaluation of a law in parts: constants of a step with their recording, and those in which they are given, by number.
+pub(super) fn split(law: &Law) -> (Vec<Constant>, [Recording; 3]) {
     let evaluate = &law.recorded.evaluate;
-    let wanted: Vec<Node> = law.rates().into_iter().map(|(_, node)| node).collect();
+    let of_signals = || [law.signals(), law.whole_signals()].concat();
+    let wanted = law.rates().into_iter().chain(law.evaluates_once.then(of_signals).into_iter().flatten());
+    let wanted: Vec<Node> = wanted.map(|(_, node)| node).collect();
     let found = constants(evaluate.tape.operations(), &wanted, &|leaf| is_constant(law, leaf));
     let nodes: Vec<Node> = found.iter().map(|(node, _)| *node).collect();
     let [mut before, mut rates] = [evaluate.clone(), evaluate.clone()];
@@ -46,7 +79,8 @@ pub(super) fn split(law: &Law) -> (Vec<Constant>, [Recording; 2]) {
         Constant { node: before.tape.where_needed(node, &guard), kind, name }
     };
     let constants = found.into_iter().map(constant).collect();
-    (constants, [before, rates])
+    let signals = if law.evaluates_once { rates.clone() } else { evaluate.clone() };
+    (constants, [before, rates, signals])
 }
 
 fn is_constant(law: &Law, leaf: Leaf) -> bool {

@@ -105,7 +105,12 @@ impl Driver {
     /// The line that computes signals, where something reads them.
     fn evaluate(&self, law: &Law, is_read: bool) -> String {
         if self.has_signals && is_read {
-            format!("    §_evaluate({});\n", self.called(law, Writes::Signals, "x", "t"))
+            let called = self.called(law, Writes::Signals, "x", "t");
+            if law.evaluates_with_rates() {
+                format!("    §_states dx;\n    §_rates({called}, &dx);\n")
+            } else {
+                format!("    §_evaluate({called});\n")
+            }
         } else {
             String::new()
         }
@@ -130,8 +135,10 @@ impl Driver {
         one(self.has_discrete, changes, "discrete", "d");
         one(self.has_inputs, false, "inputs", "in");
         let of_rates = matches!(writes, Writes::Rates | Writes::Constants);
-        one(self.has_signals && !of_rates, writes == Writes::Signals, "signals", "y");
-        one(of_rates && !law.constants.is_empty(), writes == Writes::Constants, "constants", "c");
+        let evaluates = writes == Writes::Signals || writes == Writes::Rates && law.evaluates_with_rates();
+        one(self.has_signals && (!of_rates || evaluates), evaluates, "signals", "y");
+        let reads_constants = of_rates || writes == Writes::Signals && law.evaluates_once;
+        one(reads_constants && !law.constants.is_empty(), writes == Writes::Constants, "constants", "c");
         if law.reads_time && writes != Writes::Constants {
             all.push(("real t".to_owned(), "t"));
         }
@@ -145,12 +152,13 @@ impl Driver {
         self.parameters(law, writes).into_iter().map(|(text, _)| text).collect::<Vec<_>>().join(", ")
     }
 
-    /// The same in a call, with these pointers.
+    /// The same in a call, with these pointers. Rates alone need no signals.
     pub fn called(&self, law: &Law, writes: Writes, x: &str, t: &str) -> String {
         let of = |name: &'static str| match name {
             "x" => x,
             "t" => t,
-            "c" => "&c",
+            "c" if writes == Writes::Signals => "&c",
+            "y" if writes == Writes::Rates => "NULL",
             other => other,
         };
         self.parameters(law, writes).into_iter().map(|(_, name)| of(name)).collect::<Vec<_>>().join(", ")
@@ -198,7 +206,7 @@ fn soundness(law: &Law, structs: &Structs, driver: &Driver) -> String {
 fn sound_outputs(law: &Law, structs: &Structs) -> String {
     let of_states: Vec<bool> = structs.outputs.list.iter().map(|member| is_state(law, member)).collect();
     let others = structs.outputs.list.iter().zip(of_states).filter(|(_, is_state)| !is_state);
-    others.map(|(member, _)| member.each("sound = sound && F(fabs)(out->@) <= R(1e12);")).collect()
+    each(others.map(|(member, _)| member), &["sound = sound && F(fabs)(out->@) <= R(1e12);"])
 }
 
 fn is_state(law: &Law, member: &Member) -> bool {
@@ -250,7 +258,12 @@ fn advance(law: &Law, structs: &Structs, driver: &Driver) -> String {
         text += &format!("    if ({} < 0) {{\n        return §_REFUSED | §_INVALID;\n    }}\n", state("settle"));
     }
     if driver.has_states {
-        text += &refuses(&state("integrate"), "INVALID");
+        let constants = if law.constants.is_empty() { "" } else { ", &c" };
+        if !law.constants.is_empty() {
+            text += "    §_constants c;\n";
+        }
+        let called = driver.called(law, Writes::State, "x", "t");
+        text += &refuses(&format!("§_integrate({called}{constants})"), "INVALID");
     }
     if law.reads_time {
         text += &format!("    t = (real)(self->steps + 1) * R({:?});\n", law.period);
@@ -346,12 +359,8 @@ fn bits(law: &Law, structs: &Structs) -> String {
 fn checks(structs: &Structs) -> String {
     let mut text = String::new();
     for (members, name, of) in [(&structs.inputs, "inputs", "in"), (&structs.manual, "manual", "manual")] {
-        let reals: String = members
-            .list
-            .iter()
-            .filter(|member| member.is_real)
-            .map(|member| member.each(&format!("sound = sound && isfinite({of}->@);")))
-            .collect();
+        let reals = members.list.iter().filter(|member| member.is_real);
+        let reals = each(reals, &[&format!("sound = sound && isfinite({of}->@);")]);
         if !members.is_empty() {
             let unused = if reals.is_empty() { format!("    (void){of};\n") } else { String::new() };
             let _ = write!(

@@ -34,6 +34,7 @@ fn prepare(law: &Law, structs: &Structs) -> String {
         what: "What follows from parameters; not 0 where they don't fit together: the number of the relation.",
         declaration: format!("static int §_prepare(const §_parameters *p{r})"),
         parameters: "p",
+        asked: None,
     };
     function(law, structs, &head, &law.recorded.relate, &written, &law.refusals(&law.recorded.relate))
 }
@@ -49,49 +50,54 @@ fn written_whole(law: &Law, to: String, place: usize, node: Node) -> Written {
 /// Signals, and the state equation.
 fn evaluations(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let mut text = String::new();
-    if driver.has_signals {
-        let reals = law
-            .signals()
-            .into_iter()
-            .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "")?, place, node)));
-        let whole = law
-            .whole_signals()
-            .into_iter()
-            .filter_map(|(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node)));
-        let all: Vec<Written> = reals.chain(whole).collect();
+    let signals = signals(law, structs);
+    let with_rates = law.evaluates_with_rates();
+    if driver.has_states {
+        text += &constants(law, structs, driver);
+        let (what, asked) = if with_rates {
+            let what = "The state equation, and the output equation where signals are asked for: both need the same.";
+            (what, Some(("y", &signals[..])))
+        } else {
+            ("The state equation: rates of the states.", None)
+        };
+        let declaration = format!("static void §_rates({})", driver.declared(law, Writes::Rates));
+        let head = Head { what, declaration, parameters: "", asked };
+        text += &function(law, structs, &head, &law.recorded.rates, &rates(law, structs), &[]);
+    }
+    if driver.has_signals && !with_rates {
         let head = Head {
             what: "The output equation: outputs, and other signals that are read.",
             declaration: format!("static void §_evaluate({})", driver.declared(law, Writes::Signals)),
             parameters: "",
+            asked: None,
         };
-        text += &function(law, structs, &head, &law.recorded.evaluate, &all, &[]);
-    }
-    if driver.has_states {
-        let variables = law.variables();
-        let (first, rate) = (variables.reals(Section::State).start, variables.reals(Section::Derivative).start);
-        let rates: Vec<Written> = law
-            .rates()
-            .into_iter()
-            .filter_map(|(place, node)| {
-                let to = structs.states.access(place, true)?;
-                Some(Written {
-                    to: format!("dx->{to}"),
-                    node,
-                    kind: Kind::Real,
-                    name: Some(format!("d_{}", law.real_names[place])),
-                    source: law.sources[rate + place - first],
-                })
-            })
-            .collect();
-        text += &constants(law, structs, driver);
-        let head = Head {
-            what: "The state equation: rates of the states.",
-            declaration: format!("static void §_rates({})", driver.declared(law, Writes::Rates)),
-            parameters: "",
-        };
-        text += &function(law, structs, &head, &law.recorded.rates, &rates, &[]);
+        text += &function(law, structs, &head, &law.recorded.signals, &signals, &[]);
     }
     text
+}
+
+/// Signals that are read, and their places.
+fn signals(law: &Law, structs: &Structs) -> Vec<Written> {
+    let real = |(place, node)| Some(written(law, access(structs, place, true, "")?, place, node));
+    let whole = |(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node));
+    let reals = law.signals().into_iter().filter_map(real);
+    reals.chain(law.whole_signals().into_iter().filter_map(whole)).collect()
+}
+
+/// Rates of the states, and their places.
+fn rates(law: &Law, structs: &Structs) -> Vec<Written> {
+    let variables = law.variables();
+    let (first, rate) = (variables.reals(Section::State).start, variables.reals(Section::Derivative).start);
+    let one = |(place, node): (usize, Node)| {
+        Some(Written {
+            to: format!("dx->{}", structs.states.access(place, true)?),
+            node,
+            kind: Kind::Real,
+            name: Some(format!("d_{}", law.real_names[place])),
+            source: law.sources[rate + place - first],
+        })
+    };
+    law.rates().into_iter().filter_map(one).collect()
 }
 
 /// The constants of a step.
@@ -111,6 +117,7 @@ fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
         what: "What the state equation reads that is the same throughout a step.",
         declaration: format!("static void §_find_constants({})", driver.declared(law, Writes::Constants)),
         parameters: "",
+        asked: None,
     };
     function(law, structs, &head, &law.recorded.constants, &all, &[])
 }
@@ -140,6 +147,7 @@ fn changes(law: &Law, structs: &Structs, driver: &Driver) -> String {
                 driver.declared(law, writes)
             ),
             parameters: "",
+            asked: None,
         };
         text += &function(law, structs, &head, recording, &all, &refusals);
     };
@@ -193,6 +201,7 @@ fn sides(law: &Law, structs: &Structs, driver: &Driver) -> String {
         what: "Event indicators: a change of sign is an event.",
         declaration: format!("static void §_indicators({}, {to})", driver.declared(law, Writes::Nothing)),
         parameters: "",
+        asked: None,
     };
     let many = law.indicators.len();
     let side = match kind {

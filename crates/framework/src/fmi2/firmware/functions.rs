@@ -41,6 +41,8 @@ pub(super) struct Head<'a> {
     pub what: &'a str,
     pub declaration: String,
     pub parameters: &'a str,
+    /// Values that are written, too, where a pointer to their struct is given: its name.
+    pub asked: Option<(&'a str, &'a [Written])>,
 }
 
 impl Structs {
@@ -117,32 +119,40 @@ pub(super) fn function(
     let mut names = Names::other_than(&PARAMETERS);
     let mut function = Function::new(&mut names, "bool");
     let conditions = refusals.iter().map(|(node, _)| *node);
-    let wanted: Vec<Node> = written.iter().map(|one| one.node).chain(conditions).collect();
+    let (asked, others) = head.asked.unwrap_or_default();
+    let all = written.iter().chain(others);
+    let wanted: Vec<Node> = all.clone().map(|one| one.node).chain(conditions).collect();
     let given = read(law, structs, head, recording, &wanted, &mut function);
     let of_step = law.constants.iter();
     let constants: Vec<Expression> =
         of_step.map(|one| function.named(&one.name, one.kind, &format!("c->{}", one.name), "")).collect();
-    let variables = named(law, recording, written);
+    let variables = named(law, recording, all.clone());
     let name = |node: Node| variables.get(&node).cloned();
-    let all: Vec<_> = wanted.iter().map(|&node| (node, None)).collect();
+    let nodes: Vec<_> = wanted.iter().map(|&node| (node, None)).collect();
     let of = |operation: &Operation| match operation {
         Operation::Leaf(leaf) => given[leaf].clone(),
         Operation::Carried(number) => constants[*number as usize].clone(),
         _ => Expression::number(f64::NAN),
     };
-    let found = function.compute(recording.tape.operations(), &all, &name, &of);
-    for (k, (one, (_, reason))) in found[written.len()..].iter().zip(refusals).enumerate() {
+    let found = function.compute(recording.tape.operations(), &nodes, &name, &of);
+    for (k, (one, (_, reason))) in found[all.clone().count()..].iter().zip(refusals).enumerate() {
         function.whole_line(&format!("/* {} */", ascii(reason)));
         function.line(&format!("if ({}) {{", one.condition().text));
         function.whole_line(&format!("    return {};", k + 1));
         function.line("}");
     }
-    for (one, found) in written.iter().zip(&found) {
+    for (k, (one, found)) in all.zip(&found).enumerate() {
+        if k == written.len() {
+            function.begin(&format!("if ({asked} != NULL) {{"));
+        }
         let value = if one.kind == Kind::Real { found.real() } else { found.whole() };
         function.line(&format!("{} = {};", one.to, value.text));
         if !one.source.is_empty() {
             function.comment(&ascii(one.source));
         }
+    }
+    if !others.is_empty() {
+        function.end("}");
     }
     if head.declaration.starts_with("static int") {
         function.line("return 0;");
@@ -151,17 +161,17 @@ pub(super) fn function(
 }
 
 /// The names of nodes that are variables: of those that are written, and of signals that aren't.
-fn named(law: &Law, recording: &Recording, written: &[Written]) -> HashMap<Node, String> {
+fn named<'a>(law: &Law, recording: &Recording, written: impl Iterator<Item = &'a Written>) -> HashMap<Node, String> {
     let variables = law.variables();
     let mut names = HashMap::new();
-    if [&law.recorded.evaluate, &law.recorded.constants, &law.recorded.rates]
+    if [&law.recorded.signals, &law.recorded.constants, &law.recorded.rates]
         .into_iter()
         .any(|one| std::ptr::eq(recording, one))
     {
         let signals = variables.reals(Section::Signal);
         names.extend(signals.map(|place| (recording.reals[place], law.real_names[place].clone())));
     }
-    let own = written.iter().filter_map(|one| Some((one.node, one.name.clone()?)));
+    let own = written.filter_map(|one| Some((one.node, one.name.clone()?)));
     names.extend(own);
     names
 }

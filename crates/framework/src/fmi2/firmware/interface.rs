@@ -75,24 +75,43 @@ fn defaults(law: &Law, structs: &Structs) -> String {
     text + "};\n\n"
 }
 
-fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
-    let mut checks = String::new();
-    for member in &structs.parameters.list {
-        let name = &member.capitals;
-        let Some((min, above, max)) = limits(law, member) else { continue };
-        let mut parts = Vec::new();
-        if let Some(min) = min {
-            parts.push(format!("p->@ {} {}", if above { ">" } else { ">=" }, whole_or_real(member, min)));
-        }
-        if let Some(max) = max {
-            parts.push(format!("p->@ <= {}", whole_or_real(member, max)));
-        }
-        if member.is_real {
-            parts.push("isfinite(p->@)".to_owned());
-        }
-        let line = format!("if (!({})) {{ return §_BAD_{name}; }}", parts.join(" && "));
-        checks += &member.each(&line);
+/// Functions that check real parameters, by their names, and how they compare with the lower limit.
+const CHECKS: [(&str, &str, &str); 2] = [
+    ("are_from", ">=", "True if these are numbers from the least to the most."),
+    ("are_above", ">", "True if these are numbers above a limit, up to the most."),
+];
+
+/// The functions that checks call.
+fn checking(checks: &str) -> String {
+    let called = CHECKS.iter().filter(|(name, ..)| checks.contains(&format!("§_{name}(")));
+    let written = |(name, compares, what): &(&str, &str, &str)| {
+        format!(
+            "/* {what} */\nstatic bool §_{name}(const real *numbers, int count, real least, real most)\n{{\n    for (int i = 0; i < \
+             count; i++) {{\n        if (!(numbers[i] {compares} least && numbers[i] <= most)) {{\n            return \
+             false;\n        }}\n    }}\n    return true;\n}}\n\n"
+        )
+    };
+    called.map(written).collect()
+}
+
+/// A line that refuses values of a parameter beyond its limits.
+fn check(law: &Law, member: &Member) -> Option<String> {
+    let (min, above, max) = limits(law, member)?;
+    let bad = format!("{{ return §_BAD_{}; }}", member.capitals);
+    if member.is_real {
+        let (name, ..) = CHECKS[usize::from(above && min.is_some())];
+        let [least, most] = [min.map_or("-LARGEST".to_owned(), number), max.map_or("LARGEST".to_owned(), number)];
+        let numbers = if member.is_array() { "p->" } else { "&p->" };
+        let count = member.elements.len();
+        return Some(format!("    if (!§_{name}({numbers}{}, {count}, {least}, {most})) {bad}\n", member.name));
     }
+    let min = min.map(|min| format!("p->@ >= {}", min as i64));
+    let parts: Vec<String> = min.into_iter().chain(max.map(|max| format!("p->@ <= {}", max as i64))).collect();
+    Some(member.each(&format!("if (!({})) {bad}", parts.join(" && "))))
+}
+
+fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let checks: String = structs.parameters.list.iter().filter_map(|member| check(law, member)).collect();
     let (declared, called, taken) = if structs.prepared.is_empty() {
         ("", "§_prepare(p)", "")
     } else {
@@ -107,14 +126,11 @@ fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
         )
     };
     let changed = if driver.has_changes { "    self->calibrated = true;\n" } else { "" };
+    let functions = checking(&checks);
     format!(
-        "§_calibration §_calibrate(§ *self, const §_parameters *p)\n{{\n{declared}{checks}{relations}    self->p = \
+        "{functions}§_calibration §_calibrate(§ *self, const §_parameters *p)\n{{\n{declared}{checks}{relations}    self->p = \
          *p;\n{taken}{changed}    return §_CALIBRATED;\n}}\n\n"
     )
-}
-
-fn whole_or_real(member: &Member, value: f64) -> String {
-    if member.is_real { number(value) } else { format!("{}", value as i64) }
 }
 
 fn step(law: &Law, structs: &Structs, driver: &Driver) -> String {

@@ -22,6 +22,10 @@ pub(super) const LIMITS: [&str; 2] = ["u_min", "u_max"];
 const FROM_PARAMETERS: [Section; 2] = [Section::Parameter, Section::Prepared];
 const CONTINUED: [Section; 3] = [Section::State, Section::Discrete, Section::Memory];
 pub(super) const EVALUATED: [Section; 3] = [Section::Connected, Section::Signal, Section::Derivative];
+/// Operations that signals and rates have in common from which they are computed together, and the Runge-Kutta steps in a period from
+/// which it takes little: four evaluations each, and one more for signals.
+const WORTH_SHARING: usize = 10;
+const MANY_SUBSTEPS: u32 = 10;
 /// Bits of a status that outputs may have.
 pub(super) const MOST_FLAGS: usize = 24;
 
@@ -32,9 +36,11 @@ pub(super) type Places = Vec<(usize, Node)>;
 #[derive(Debug, Default)]
 pub(super) struct Recorded {
     pub evaluate: Recording,
-    /// The constants of a step, and the state equation, where they are given.
+    /// The constants of a step, and the evaluation, where they are given: for the state equation, and for signals, whose constants
+    /// aren't given unless [`Law::evaluates_once`].
     pub constants: Recording,
     pub rates: Recording,
+    pub signals: Recording,
     pub indicators: Recording,
     pub start: Recording,
     pub relate: Recording,
@@ -72,6 +78,10 @@ pub(super) struct Law<'a> {
     /// Flags of the reals and integers that the outputs need.
     pub live: Live,
     pub constants: Vec<Constant>,
+    /// True if signals are evaluated at the end of a step only, where its constants are known.
+    pub evaluates_once: bool,
+    /// Operations that signals then have in common with the state equation.
+    pub shared: usize,
     /// Event indicators that can change sides and have an effect, and whether they do so within a step.
     pub indicators: Vec<usize>,
     pub events_within: bool,
@@ -130,6 +140,8 @@ impl<'a> Law<'a> {
             recorded: Recorded::default(),
             live: Live::default(),
             constants: Vec::new(),
+            evaluates_once: false,
+            shared: 0,
             indicators: Vec::new(),
             events_within: false,
             reads_time: false,
@@ -139,7 +151,9 @@ impl<'a> Law<'a> {
         law.find_live();
         law.find_indicators()?;
         law.check_emitted()?;
-        (law.constants, [law.recorded.constants, law.recorded.rates]) = constants::split(&law);
+        law.evaluates_once = constants::evaluates_once(&law);
+        (law.constants, [law.recorded.constants, law.recorded.rates, law.recorded.signals]) = constants::split(&law);
+        law.shared = constants::shared(&law);
         law.reads_time =
             law.all().into_iter().any(|(recording, nodes)| leaves(recording, &nodes).contains(&Leaf::Time));
         Ok(law)
@@ -173,6 +187,11 @@ impl<'a> Law<'a> {
         let is_fixed = is_in(&FROM_PARAMETERS, |section| variables.integers(section), place);
         (is_fixed && !self.variable_integers[place] || self.never_written.integers[place])
             .then(|| self.start.integers[place])
+    }
+
+    /// True if signals are computed with the rates: by one more evaluation in a step of many. What both need is there once then.
+    pub fn evaluates_with_rates(&self) -> bool {
+        self.evaluates_once && self.shared >= WORTH_SHARING && self.substeps >= MANY_SUBSTEPS
     }
 
     /// True if a real value counts samples.
@@ -214,6 +233,7 @@ impl<'a> Law<'a> {
             evaluate: of(Method::Evaluate),
             constants: Recording::default(),
             rates: Recording::default(),
+            signals: Recording::default(),
             indicators: of(Method::Indicators),
             start: of(Method::Start),
             relate: of(Method::Relate),

@@ -179,6 +179,10 @@ impl Member {
         Some(all.collect::<Vec<_>>().join(", "))
     }
 
+    pub fn is_array(&self) -> bool {
+        self.is_array
+    }
+
     /// Lines of C that do something with each of its numbers: `text` has `@` where a number is.
     pub fn each(&self, text: &str) -> String {
         if self.is_array {
@@ -192,7 +196,7 @@ impl Member {
 
 /// Lines of C that do something with each number of these members, `@` in a text. Members of one length share a loop: counting takes
 /// as long as what is done.
-pub(super) fn each(members: &[Member], lines: &[&str]) -> String {
+pub(super) fn each<'a>(members: impl IntoIterator<Item = &'a Member>, lines: &[&str]) -> String {
     let mut loops: Vec<(Option<usize>, String)> = Vec::new();
     for member in members {
         let size = member.is_array.then_some(member.elements.len());

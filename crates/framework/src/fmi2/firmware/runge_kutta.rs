@@ -57,10 +57,10 @@ fn integrate(law: &Law, driver: &Driver) -> String {
     let events = events(law, driver, &find);
     let y = if driver.has_signals { declared_with_signals(driver, law) } else { driver.declared(law, Writes::State) };
     let unused = if driver.has_signals && events.is_empty() { "    (void)y;\n" } else { "" };
-    let once = if find.is_empty() { String::new() } else { "    §_constants c;\n".to_owned() + &find };
+    let constants = if find.is_empty() { "" } else { ", §_constants *c" };
     format!(
         "/* One period by Runge-Kutta steps of order 4, inputs constant; not 0 where events don't end. */\nstatic int \
-         §_integrate({y})\n{{\n    const real h = R({:?}) / (real)§_SUBSTEPS;\n{unused}{once}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
+         §_integrate({y}{constants})\n{{\n    const real h = R({:?}) / (real)§_SUBSTEPS;\n{unused}{find}    for (int k = 0; k < §_SUBSTEPS; k++) {{\n        \
          {begins}§_states rates;\n        §_states sum;\n        §_states to;\n        {}\n        §_along(x, R(0.5) * h, &sum, &to);\n        {}\n        \
          §_along_middle(x, R(0.5) * h, &rates, &to, &sum);\n        {}\n        §_along_middle(x, h, &rates, &to, &sum);\n        \
          {}\n        §_finish(x, h / R(6.0), &sum, &rates);\n{events}    }}\n    return 0;\n}}\n\n",

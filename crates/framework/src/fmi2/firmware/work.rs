@@ -68,14 +68,15 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     };
     let indicators: Vec<Node> = law.indicators.iter().map(|&k| recorded.indicators.results[k]).collect();
     let states = law.rates().len() as u64;
-    // Four rates; the states along them four times, and their sum three times.
-    let sums = Work { simple: 14 * states + 3, divisions: 1, functions: 0 };
+    // Four rates; the states along them four times, and their sum three times, where the last ones count once.
+    let sums = Work { simple: 13 * states + 3, divisions: 1, functions: 0 };
     let integrated = if states > 0 { of(&recorded.rates, &nodes(law.rates())) * 4 + sums } else { Work::default() };
-    let signals: Vec<Node> = [law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
+    let rates = law.evaluates_with_rates().then(|| law.rates()).unwrap_or_default();
+    let signals: Vec<Node> = [rates, law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
     let substeps = u64::from(law.substeps);
     let sample = recorded.sample.as_ref().map(&changes).unwrap_or_default();
     let every = if law.every == 1 { "1".to_owned() } else { format!("1 in {} steps", law.every) };
-    let evaluated = of(&recorded.evaluate, &signals);
+    let evaluated = of(&recorded.signals, &signals);
     // Each input is compared once, each state and output twice, with a magnitude; limits of an output take four comparisons; a
     // step is divided by its substeps.
     let (inputs, outputs) = (structs.inputs.reals().count() as u64, structs.outputs.reals().count() as u64);

@@ -76,6 +76,18 @@ impl<'a> Function<'a> {
         let _ = writeln!(self.lines, "{}{text}", "    ".repeat(self.indent));
     }
 
+    /// Adds a line with which a block begins, and one with which it ends.
+    pub fn begin(&mut self, text: &str) {
+        self.line(text);
+        self.indent += 1;
+    }
+
+    /// See [`Function::begin`].
+    pub fn end(&mut self, text: &str) {
+        self.indent -= 1;
+        self.line(text);
+    }
+
     /// Adds a line, broken where it is too long.
     pub fn line(&mut self, text: &str) {
         let indent = "    ".repeat(self.indent);

@@ -9,19 +9,22 @@ static inline real sign(real x)
     return x != x ? x : F(copysign)(R(1.0), x);
 }
 
-/* The angle within (-pi, pi] that differs from one by whole turns, exactly. */
-static inline real wrapped(real angle)
+/* The angle within (-pi, pi] that differs by whole turns, exactly, from one beyond that. */
+static inline real wrapped_far(real angle)
 {
     const real half = R(3.141592653589793);
     const real turn = R(6.283185307179586);
-    if (F(fabs)(angle) < half) {
-        return angle;
-    }
     const real rest = F(fmod)(angle, turn);
     if (rest > half) {
         return rest - turn;
     }
     return rest <= -half ? rest + turn : rest;
+}
+
+/* The same from any. */
+static inline real wrapped(real angle)
+{
+    return F(fabs)(angle) < R(3.141592653589793) ? angle : wrapped_far(angle);
 }
 
 /* The integer that a number is, without its fraction: the nearest there is where it is too large, 0 of what is no number. */
