@@ -179,7 +179,7 @@ impl Operation {
     }
 
     /// The same of other operands.
-    pub(super) fn over(&self, of: impl Fn(Node) -> Node) -> Operation {
+    pub(crate) fn over(&self, of: impl Fn(Node) -> Node) -> Operation {
         let all = |nodes: &[Node]| nodes.iter().map(|&node| of(node)).collect();
         match self {
             Operation::Constant(_) | Operation::Leaf(_) | Operation::Carried(_) => self.clone(),

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::lanes::{self, Known};
 use super::law::{ENABLED, LIMITS, Law, leaves};
 use super::members::{Members, ascii};
 use crate::fmi2::source::expression::{Expression, Kind, number};
@@ -127,14 +128,26 @@ pub(super) fn function(
     let constants: Vec<Expression> =
         of_step.map(|one| function.named(&one.name, one.kind, &format!("c->{}", one.name), "")).collect();
     let variables = named(law, recording, all.clone());
-    let name = |node: Node| variables.get(&node).cloned();
-    let nodes: Vec<_> = wanted.iter().map(|&node| (node, None)).collect();
     let of = |operation: &Operation| match operation {
         Operation::Leaf(leaf) => given[leaf].clone(),
         Operation::Carried(number) => constants[*number as usize].clone(),
         _ => Expression::number(f64::NAN),
     };
-    let found = function.compute(recording.tape.operations(), &nodes, &name, &of);
+    let element = |operation: &Operation| element_text(law, structs, head.parameters, operation);
+    let number = |operation: &Operation| match operation {
+        Operation::Constant(bits) => Some(f64::from_bits(*bits)),
+        Operation::Leaf(Leaf::Real(place)) => law.constant(*place as usize),
+        _ => None,
+    };
+    let known = Known { number: &number, element: &element };
+    let rolled = lanes::rolled(recording.tape.operations(), &wanted, &all.clone().collect::<Vec<_>>(), &known);
+    let moved = |node: Node| rolled.moved[node.index()];
+    let names_of: HashMap<Node, &String> =
+        variables.iter().filter_map(|(node, name)| Some((moved(*node)?, name))).collect();
+    let name = |node: Node| names_of.get(&node).map(|name| (*name).clone());
+    let nodes: Vec<_> = wanted.iter().filter_map(|&node| Some((moved(node)?, None))).collect();
+    function.loops = rolled.loops;
+    let found = function.compute(&rolled.operations, &nodes, &name, &of);
     for (k, (one, (_, reason))) in found[all.clone().count()..].iter().zip(refusals).enumerate() {
         function.whole_line(&format!("/* {} */", ascii(reason)));
         function.line(&format!("if ({}) {{", one.condition().text));
@@ -158,6 +171,17 @@ pub(super) fn function(
         function.line("return 0;");
     }
     framed((head.what, &head.declaration), &function.lines())
+}
+
+/// The element of an array that a leaf, or a constant of a step, is in C.
+fn element_text(law: &Law, structs: &Structs, parameters: &str, operation: &Operation) -> Option<String> {
+    match operation {
+        Operation::Leaf(Leaf::Real(place)) if law.constant(*place as usize).is_none() => {
+            access(structs, *place as usize, true, parameters)
+        }
+        Operation::Carried(number) => Some(format!("c->{}", law.constants[*number as usize].name)),
+        _ => None,
+    }
 }
 
 /// The names of nodes that are variables: of those that are written, and of signals that aren't.

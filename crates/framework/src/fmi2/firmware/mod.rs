@@ -13,6 +13,7 @@ mod equations;
 mod functions;
 mod header;
 mod interface;
+mod lanes;
 mod law;
 mod live;
 mod members;

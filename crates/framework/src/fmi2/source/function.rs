@@ -7,8 +7,9 @@ use std::mem::{replace, take};
 
 use super::blocks::{Block, Blocks, Placed, ROOT, Wanted, arm, placed};
 use super::expression::{Expression, Kind};
+use super::loops::Loops;
 use super::names::Names;
-use crate::recording::{Body, Node, Operation};
+use crate::recording::{Node, Operation};
 use crate::scalar::Opaque;
 
 /// Expressions of more operations get a name, so that a person can follow them.
@@ -19,7 +20,7 @@ const WIDTH: usize = 118;
 /// Lines of C that compute some operations.
 #[derive(Debug)]
 pub struct Function<'a> {
-    names: &'a mut Names,
+    pub(super) names: &'a mut Names,
     /// Names of values from elsewhere and their lines, which come first where they are used.
     declared: Vec<(String, String)>,
     used: BTreeSet<String>,
@@ -27,10 +28,12 @@ pub struct Function<'a> {
     indent: usize,
     /// The type of conditions in C.
     conditions: &'static str,
+    /// Loops over lanes among the operations.
+    pub loops: Loops,
 }
 
 /// Operations of a tape, or of an iteration's body, and their expressions so far.
-struct Scope<'a> {
+pub(super) struct Scope<'a> {
     operations: &'a [Operation],
     /// Number of uses of each, and their blocks.
     uses: Vec<u32>,
@@ -54,7 +57,7 @@ struct Open {
 }
 
 impl Scope<'_> {
-    fn of(&self, node: Node) -> &Expression {
+    pub(super) fn of(&self, node: Node) -> &Expression {
         self.found[node.index()].as_ref().expect("operands are computed before what they are operands of")
     }
 }
@@ -62,7 +65,15 @@ impl Scope<'_> {
 impl<'a> Function<'a> {
     /// Empty lines, where conditions have this type.
     pub fn new(names: &'a mut Names, conditions: &'static str) -> Self {
-        Function { names, declared: Vec::new(), used: BTreeSet::new(), lines: String::new(), indent: 1, conditions }
+        Function {
+            names,
+            declared: Vec::new(),
+            used: BTreeSet::new(),
+            lines: String::new(),
+            indent: 1,
+            conditions,
+            loops: Loops::new(),
+        }
     }
 
     /// The lines.
@@ -314,7 +325,7 @@ impl<'a> Function<'a> {
     }
 
     /// Condition under which an operation is needed; none if it always is.
-    fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
+    pub(super) fn guard(&mut self, place: usize, scope: &mut Scope) -> Option<Expression> {
         let guard = scope.blocks.guard(place);
         // Conditions get names only if all operations of the guard are known.
         if guard.terms().any(|term| term.iter().all(|literal| waits(literal.0.index(), scope))) {
@@ -357,58 +368,6 @@ impl<'a> Function<'a> {
         self.go_to(inner, scope);
         scope.found[place] = Some(named.clone());
         Some(named)
-    }
-
-    /// A loop; its results are in an array, whose name is the expression.
-    fn iteration(
-        &mut self,
-        body: &Body,
-        most: usize,
-        (start, captured): (&[Node], &[Node]),
-        place: usize,
-        scope: &mut Scope,
-    ) -> Expression {
-        let guard = self.guard(place, scope).map_or(String::new(), |guard| format!("({}) && ", guard.text));
-        let array = self.names.numbered("s", place);
-        let counter = self.names.numbered("k", place);
-        let start: Vec<String> = start.iter().map(|&node| scope.of(node).real().text).collect();
-        let captured: Vec<Expression> = captured.iter().map(|&node| scope.of(node).clone()).collect();
-        self.line(&format!("real {array}[{}] = {{ {} }};", start.len(), start.join(", ")));
-        self.line(&format!("for (int {counter} = 0; {guard}{counter} < {most}; ++{counter}) {{"));
-        self.indent += 1;
-        let carried = |operation: &Operation| match operation {
-            Operation::Carried(number) if (*number as usize) < start.len() => {
-                Expression::atom(format!("{array}[{number}]"), Kind::Real)
-            }
-            Operation::Carried(number) => captured[*number as usize - start.len()].clone(),
-            _ => Expression::number(f64::NAN),
-        };
-        let unnamed = |_| None;
-        let condition = self.part_of_body(body, &[body.goes_on], &unnamed, &carried);
-        self.line(&format!("if (!({})) break;", condition[0].condition().text));
-        let next = self.part_of_body(body, &body.next, &unnamed, &carried);
-        let next: Vec<String> = next.iter().map(|value| value.real().text).collect();
-        // All of the new state follows from the old one.
-        let new = self.names.numbered("next", place);
-        self.line(&format!("const real {new}[{}] = {{ {} }};", next.len(), next.join(", ")));
-        for k in 0..next.len() {
-            self.line(&format!("{array}[{k}] = {new}[{k}];"));
-        }
-        self.indent -= 1;
-        self.line("}");
-        Expression::atom(array, Kind::Real)
-    }
-
-    /// A part of what an iteration does: its condition, or its step.
-    fn part_of_body(
-        &mut self,
-        body: &Body,
-        wanted: &[Node],
-        named: &dyn Fn(Node) -> Option<String>,
-        given: &dyn Fn(&Operation) -> Expression,
-    ) -> Vec<Expression> {
-        let wanted: Vec<Wanted> = wanted.iter().map(|&node| (node, None)).collect();
-        self.compute(&body.operations, &wanted, named, given)
     }
 }
 

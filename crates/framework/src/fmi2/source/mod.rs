@@ -12,6 +12,7 @@ pub(crate) mod expression;
 mod fmi3;
 pub(crate) mod function;
 mod header;
+pub(crate) mod loops;
 mod message;
 pub(crate) mod names;
 mod tables;
