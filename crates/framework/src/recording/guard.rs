@@ -35,6 +35,11 @@ impl Guard {
         self.terms.iter().map(Vec::as_slice)
     }
 
+    /// True if another one holds wherever this does.
+    pub fn implies(&self, other: &Guard) -> bool {
+        self.terms.iter().all(|term| other.terms.iter().any(|of| of.iter().all(|literal| term.contains(literal))))
+    }
+
     /// Its remaining condition if these literals hold.
     pub fn within(&self, operations: &[Operation], known: &[Literal]) -> Self {
         let mut left = Guard::default();

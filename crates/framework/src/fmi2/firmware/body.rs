@@ -38,6 +38,16 @@ const CHECKS: &str = "\
 
 ";
 
+/// Compilers that copy functions into others are told which ones to keep whole: flash memory counts.
+const ONCE: &str = "\
+#if defined(__GNUC__)
+#define ONCE __attribute__((noinline))
+#else
+#define ONCE
+#endif
+
+";
+
 /// Macros of numbers, and what they are in float and in double.
 const MACROS: [(&str, &str, &str); 5] = [
     ("R(x)", "x##f", "x"),
@@ -59,7 +69,11 @@ fn macros(text: &str) -> (String, String) {
         }
     }
     let about = "/* Numbers of this file: R(x) is a constant, F(name) a function of <math.h>. */";
-    let begins = format!("{about}\n#define real §_real\n#ifdef §_FLOAT\n{float}#else\n{double}#endif\n\n");
+    let once = if text.contains("ONCE ") { ONCE } else { "" };
+    if !once.is_empty() {
+        ends += "#undef ONCE\n";
+    }
+    let begins = format!("{once}{about}\n#define real §_real\n#ifdef §_FLOAT\n{float}#else\n{double}#endif\n\n");
     (begins, ends + "#undef §_READY\n")
 }
 
@@ -79,7 +93,7 @@ fn helpers(text: &str) -> (String, String) {
         if is_called(text) || is_called(&written) {
             let mut own = numbers(name).replace(&call, &format!("§_{call}"));
             if RARE.contains(&name) {
-                own = own.replace("static inline", "static");
+                own = own.replace("static inline", "ONCE static");
             }
             written = format!("{own}\n#define {name} §_{name}\n\n{written}");
             ends = format!("#undef {name}\n{ends}");

@@ -7,6 +7,7 @@ use super::functions::PARAMETERS;
 use super::law::{EVALUATED, Law, Places, Recorded, is_in, leaves};
 use crate::fmi2::source::blocks::is_total;
 use crate::fmi2::source::expression::Kind;
+use crate::fmi2::source::loops::element;
 use crate::fmi2::source::names::Names;
 use crate::recording::{Guard, Leaf, Node, Operation, Recording, guards, needed};
 use crate::system::Section;
@@ -173,14 +174,37 @@ fn kind(operation: &Operation) -> Kind {
     }
 }
 
+/// Has constants that loops read one a lane be arrays.
+pub(super) fn gather(law: &mut Law, arrays: &[Vec<usize>]) {
+    let mut is_gathered = vec![false; law.constants.len()];
+    for numbers in arrays {
+        let kind = law.constants[numbers[0]].kind;
+        let is_free = |&number: &usize| !is_gathered[number] && law.constants[number].kind == kind;
+        let is_twice = numbers.iter().enumerate().any(|(k, number)| numbers[..k].contains(number));
+        if is_twice || !numbers.iter().all(is_free) {
+            continue;
+        }
+        let name = law.constants[numbers[0]].name.clone();
+        for (k, &number) in numbers.iter().enumerate() {
+            is_gathered[number] = true;
+            law.constants[number].name = format!("{name}[{k}]");
+        }
+    }
+}
+
 /// The struct in C; nothing where there are no constants.
 pub(super) fn declaration(constants: &[Constant]) -> String {
     if constants.is_empty() {
         return String::new();
     }
+    let len = |array: &str| constants.iter().filter_map(|one| element(&one.name)).filter(|one| one.0 == array).count();
     let member = |one: &Constant| {
         let kind = if one.kind == Kind::Real { "real" } else { "bool" };
-        format!("    {kind} {};\n", one.name)
+        match element(&one.name) {
+            Some((array, 0)) => format!("    {kind} {array}[{}];\n", len(array)),
+            Some(_) => String::new(),
+            None => format!("    {kind} {};\n", one.name),
+        }
     };
     let members: String = constants.iter().map(member).collect();
     format!("/* Results that are the same throughout a step. */\ntypedef struct {{\n{members}}} §_constants;\n\n")

@@ -2,7 +2,7 @@
 
 use super::constants::Constant;
 use super::driver::{Driver, Writes};
-use super::functions::{Head, Structs, Written, access, function};
+use super::functions::{Head, Structs, Written, access, function, rolled};
 use super::law::Law;
 use crate::fmi2::source::expression::Kind;
 use crate::recording::{Node, Operation, Recording};
@@ -98,6 +98,15 @@ fn rates(law: &Law, structs: &Structs) -> Vec<Written> {
         })
     };
     law.rates().into_iter().filter_map(one).collect()
+}
+
+/// Constants of a step that loops of the state equation read one a lane.
+pub(super) fn constants_by_lanes(law: &Law, structs: &Structs) -> Vec<Vec<usize>> {
+    let (rates, signals) = (rates(law, structs), signals(law, structs));
+    let others = if law.evaluates_with_rates() { &signals[..] } else { &[] };
+    let written: Vec<&Written> = rates.iter().chain(others).collect();
+    let wanted: Vec<Node> = written.iter().map(|one| one.node).collect();
+    rolled(law, structs, "", &law.recorded.rates, (&wanted, &written)).constants()
 }
 
 /// The constants of a step.

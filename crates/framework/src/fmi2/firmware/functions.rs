@@ -1,15 +1,16 @@
 //! C functions of recordings: what they read, straight lines, and what they write.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
-use super::lanes::{self, Known};
+use super::lanes::{self, Known, Rolled};
 use super::law::{ENABLED, LIMITS, Law, leaves};
 use super::members::{Members, ascii};
+use super::targets;
 use crate::fmi2::source::expression::{Expression, Kind, number};
 use crate::fmi2::source::function::{Function, framed};
 use crate::fmi2::source::names::Names;
 use crate::recording::{Leaf, Node, Operation, Recording};
-use crate::system::{Element, Section, Variable, Variables};
+use crate::system::{Data, Element, Section, Variable, Variables};
 
 /// Names of parameters of functions.
 pub(super) const PARAMETERS: [&str; 10] = ["self", "x", "d", "in", "y", "p", "r", "c", "dx", "bool"];
@@ -133,21 +134,20 @@ pub(super) fn function(
         Operation::Carried(number) => constants[*number as usize].clone(),
         _ => Expression::number(f64::NAN),
     };
-    let element = |operation: &Operation| element_text(law, structs, head.parameters, operation);
-    let number = |operation: &Operation| match operation {
-        Operation::Constant(bits) => Some(f64::from_bits(*bits)),
-        Operation::Leaf(Leaf::Real(place)) => law.constant(*place as usize),
-        _ => None,
-    };
-    let known = Known { number: &number, element: &element };
-    let rolled = lanes::rolled(recording.tape.operations(), &wanted, &all.clone().collect::<Vec<_>>(), &known);
-    let moved = |node: Node| rolled.moved[node.index()];
+    let rolled = rolled(law, structs, head.parameters, recording, (&wanted, &all.clone().collect::<Vec<_>>()));
+    let places = rolled.moved.clone();
+    let moved = |node: Node| places[node.index()];
     let names_of: HashMap<Node, &String> =
         variables.iter().filter_map(|(node, name)| Some((moved(*node)?, name))).collect();
     let name = |node: Node| names_of.get(&node).map(|name| (*name).clone());
     let nodes: Vec<_> = wanted.iter().filter_map(|&node| Some((moved(node)?, None))).collect();
-    function.loops = rolled.loops;
-    let found = function.compute(&rolled.operations, &nodes, &name, &of);
+    // Where a step is refused, nothing is written.
+    let (operations, loops, targets) = match refusals {
+        [] => targets::of(rolled, &wanted, written),
+        _ => (rolled.operations, rolled.loops, BTreeMap::new()),
+    };
+    (function.loops, function.targets) = (loops, targets);
+    let found = function.compute(&operations, &nodes, &name, &of);
     for (k, (one, (_, reason))) in found[all.clone().count()..].iter().zip(refusals).enumerate() {
         function.whole_line(&format!("/* {} */", ascii(reason)));
         function.line(&format!("if ({}) {{", one.condition().text));
@@ -158,7 +158,15 @@ pub(super) fn function(
         if k == written.len() {
             function.begin(&format!("if ({asked} != NULL) {{"));
         }
-        let value = if one.kind == Kind::Real { found.real() } else { found.whole() };
+        let value = match one.kind {
+            Kind::Real => found.real(),
+            // Whole numbers without a name are conditions.
+            Kind::Whole if one.name.is_none() => found.condition(),
+            Kind::Whole => found.whole(),
+        };
+        if value.text == one.to {
+            continue;
+        }
         function.line(&format!("{} = {};", one.to, value.text));
         if !one.source.is_empty() {
             function.comment(&ascii(one.source));
@@ -173,15 +181,39 @@ pub(super) fn function(
     framed((head.what, &head.declaration), &function.lines())
 }
 
-/// The element of an array that a leaf, or a constant of a step, is in C.
-fn element_text(law: &Law, structs: &Structs, parameters: &str, operation: &Operation) -> Option<String> {
-    match operation {
+/// Operations of a recording with loops.
+pub(super) fn rolled(
+    law: &Law,
+    structs: &Structs,
+    parameters: &str,
+    recording: &Recording,
+    (wanted, written): (&[Node], &[&Written]),
+) -> Rolled {
+    let element = |operation: &Operation| match operation {
         Operation::Leaf(Leaf::Real(place)) if law.constant(*place as usize).is_none() => {
-            access(structs, *place as usize, true, parameters)
+            Some((access(structs, *place as usize, true, parameters)?, Kind::Real))
         }
-        Operation::Carried(number) => Some(format!("c->{}", law.constants[*number as usize].name)),
+        Operation::Carried(number) => {
+            let constant = &law.constants[*number as usize];
+            Some((format!("c->{}", constant.name), constant.kind))
+        }
         _ => None,
-    }
+    };
+    let number = |operation: &Operation| match operation {
+        Operation::Constant(bits) => Some(f64::from_bits(*bits)),
+        Operation::Leaf(Leaf::Real(place)) => law.constant(*place as usize),
+        _ => None,
+    };
+    let least = |operation: &Operation| match operation {
+        Operation::Leaf(Leaf::Real(place)) => match self::element(law.variables(), *place as usize)?.variable {
+            Variable { section: Section::Parameter, data: Data::Real { min, .. }, .. } => *min,
+            _ => None,
+        },
+        _ => None,
+    };
+    let least = |operation: &Operation| number(operation).or_else(|| least(operation));
+    let known = Known { number: &number, element: &element, least: &least };
+    lanes::rolled(recording.tape.operations(), wanted, written, &known)
 }
 
 /// The names of nodes that are variables: of those that are written, and of signals that aren't.

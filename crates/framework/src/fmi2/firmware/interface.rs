@@ -86,7 +86,7 @@ fn checking(checks: &str) -> String {
     let called = CHECKS.iter().filter(|(name, ..)| checks.contains(&format!("§_{name}(")));
     let written = |(name, compares, what): &(&str, &str, &str)| {
         format!(
-            "/* {what} */\nstatic bool §_{name}(const real *numbers, int count, real least, real most)\n{{\n    for (int i = 0; i < \
+            "/* {what} */\nONCE static bool §_{name}(const real *numbers, int count, real least, real most)\n{{\n    for (int i = 0; i < \
              count; i++) {{\n        if (!(numbers[i] {compares} least && numbers[i] <= most)) {{\n            return \
              false;\n        }}\n    }}\n    return true;\n}}\n\n"
         )

@@ -21,6 +21,7 @@ mod parameters;
 mod replay;
 mod runge_kutta;
 mod substeps;
+mod targets;
 mod vectors;
 mod work;
 
@@ -127,6 +128,8 @@ pub fn files(model: &Arc<Model>, options: &Options) -> Result<Firmware, Invalid>
     }
     // A law that can't start from its own start values is not worth a target.
     Execution::new(Arc::clone(model)).initialise().map_err(Invalid::because)?;
+    let gathered = equations::constants_by_lanes(&law, &structs);
+    constants::gather(&mut law, &gathered);
     let signals = options.signals.as_ref();
     let fastest = Fastest::of(&law, &structs, model, signals)?;
     substeps::raise(&mut law, options, fastest.as_ref())?;

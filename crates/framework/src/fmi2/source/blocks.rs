@@ -257,12 +257,16 @@ fn partial(operations: &[Operation], uses: &[u32]) -> Vec<bool> {
     found
 }
 
-/// True for an operation that is defined for all numbers, and whose result is a number.
+/// True for an operation that is defined for all numbers, and whose result is a number; for a loop over lanes, of such operations.
 pub fn is_total(operation: &Operation) -> bool {
+    if let Operation::Iterate { body, start, .. } = operation {
+        return start.is_empty() && body.operations.iter().all(is_total);
+    }
     matches!(
         operation,
         Operation::Constant(_)
             | Operation::Leaf(_)
+            | Operation::Part(..)
             | Operation::Carried(_)
             | Operation::Unary(Unary::Neg | Unary::Abs | Unary::Signum, _)
             | Operation::Binary(Binary::Add | Binary::Sub | Binary::Mul, ..)

@@ -1,7 +1,7 @@
 //! C of a recording: an operation used once is written in place, one used more often has a name, and selections are
 //! branches.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::mem::{replace, take};
 
@@ -30,11 +30,13 @@ pub struct Function<'a> {
     conditions: &'static str,
     /// Loops over lanes among the operations.
     pub loops: Loops,
+    /// Places of selections in C, by theirs among the operations: what is written there is no variable.
+    pub targets: BTreeMap<usize, String>,
 }
 
 /// Operations of a tape, or of an iteration's body, and their expressions so far.
 pub(super) struct Scope<'a> {
-    operations: &'a [Operation],
+    pub(super) operations: &'a [Operation],
     /// Number of uses of each, and their blocks.
     uses: Vec<u32>,
     blocks: Blocks,
@@ -73,6 +75,7 @@ impl<'a> Function<'a> {
             indent: 1,
             conditions,
             loops: Loops::new(),
+            targets: BTreeMap::new(),
         }
     }
 
@@ -194,6 +197,8 @@ impl<'a> Function<'a> {
             Operation::Iterate { body, most, start, captured } => {
                 self.iteration(body, *most, (start, captured), place, scope)
             }
+            Operation::Part(from, number) if self.loops.contains_key(&from.index()) => self.part(*from, *number, scope),
+            Operation::Part(from, number) => self.named_or_inline(place, self.part(*from, *number, scope), scope),
             _ => self.named_or_inline(place, expression(operation, scope), scope),
         };
         scope.found[place] = Some(found);
@@ -266,6 +271,10 @@ impl<'a> Function<'a> {
         }
         let mut names = Vec::new();
         for (&place, selection) in group.iter().zip(&selections) {
+            if let (Some(target), Kind::Real) = (self.targets.get(&place), selection.kind) {
+                names.push((target.clone(), Kind::Real));
+                continue;
+            }
             let (name, of) = self.new_name(place, (scope.named)(Node::at(place)), selection.kind, scope);
             self.line(&format!("{of} {name};"));
             names.push((name, selection.kind));
@@ -276,7 +285,9 @@ impl<'a> Function<'a> {
             self.indent += 1;
             for ((name, kind), value) in names.iter().zip(values) {
                 let value = if *kind == Kind::Real { value.real() } else { value.whole() };
-                self.line(&format!("{name} = {};", value.text));
+                if value.text != *name {
+                    self.line(&format!("{name} = {};", value.text));
+                }
             }
             self.indent -= 1;
             self.line(if k == 0 { "} else {" } else { "}" });
@@ -415,9 +426,10 @@ fn expression(operation: &Operation, scope: &Scope) -> Expression {
             };
             Expression::call(name, &arguments)
         }
-        Operation::Part(iteration, number) => Expression::atom(format!("{}[{number}]", of(iteration).text), Kind::Real),
         // Handled where statements are made.
-        Operation::Leaf(_) | Operation::Carried(_) | Operation::Iterate { .. } => Expression::number(f64::NAN),
+        Operation::Part(..) | Operation::Leaf(_) | Operation::Carried(_) | Operation::Iterate { .. } => {
+            Expression::number(f64::NAN)
+        }
     }
 }
 

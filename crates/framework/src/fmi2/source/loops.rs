@@ -14,8 +14,8 @@ pub enum Input {
     Same,
     /// One each: the next of what is captured.
     Each,
-    /// Elements of an array: its text, the element of the first lane, and those from lane to lane.
-    Elements(String, usize, usize),
+    /// Elements of an array: its text, the element of the first lane, and those from lane to lane; their type.
+    Elements((String, usize, usize), Kind),
     /// Known numbers.
     Numbers(Vec<f64>),
 }
@@ -28,6 +28,16 @@ pub struct Lanes {
     pub count: usize,
     /// What the body reads, by number.
     pub inputs: Vec<Input>,
+    /// Arrays in C that results are written to, and nothing else: the element of the first lane, and those from lane to lane. Others have
+    /// an array of the loop.
+    pub targets: Vec<Option<(String, usize, usize)>>,
+}
+
+impl Lanes {
+    /// The place of a result in the loop's own array, without its lane.
+    fn slot(&self, result: usize) -> usize {
+        self.targets[..result].iter().filter(|target| target.is_none()).count() * self.count
+    }
 }
 
 /// Loops by the places of their iterations.
@@ -65,27 +75,69 @@ impl Function<'_> {
     ) -> Expression {
         let guard = self.guard(place, scope).map_or(String::new(), |guard| format!("({}) && ", guard.text));
         let [array, counter] = ["s", "i"].map(|of| self.names.numbered(of, place));
-        let mut captured = captured.iter().map(|&node| scope.of(node).clone()).collect::<Vec<_>>().into_iter();
+        let mut captured = captured.iter();
         let mut inputs = Vec::new();
         for input in &lanes.inputs {
             let count = if *input == Input::Each { lanes.count } else { usize::from(*input == Input::Same) };
-            let taken: Vec<Expression> = captured.by_ref().take(count).collect();
+            let taken: Vec<Expression> = captured.by_ref().take(count).map(|&node| self.unnamed(node, scope)).collect();
             inputs.push(self.read_by_lanes(input, taken, (place, &counter)));
         }
         let start = if guard.is_empty() { "" } else { " = { R(0.0) }" };
-        self.line(&format!("real {array}[{}]{start};", body.next.len() * lanes.count));
+        let own = lanes.slot(lanes.targets.len());
+        if own > 0 {
+            self.line(&format!("real {array}[{own}]{start};"));
+        }
         self.begin(&format!("for (int {counter} = 0; {guard}{counter} < {}; ++{counter}) {{", lanes.count));
         let carried = |operation: &Operation| match operation {
             Operation::Carried(number) => inputs[*number as usize].clone(),
             _ => Expression::number(f64::NAN),
         };
         let found = self.part_of_body(body, &body.next, &|_| None, &carried);
-        for (k, value) in found.iter().enumerate() {
-            let to = counted(&(array.clone(), k * lanes.count, 1), &counter);
-            self.line(&format!("{to} = {};", value.real().text));
-        }
+        self.results(lanes, found, (&array, &counter), place);
         self.end("}");
         Expression::atom(array, Kind::Real)
+    }
+
+    /// Lines that write what a loop computes. What is written where other lines of a body read comes behind these.
+    fn results(&mut self, lanes: &Lanes, found: Vec<Expression>, (array, counter): (&str, &str), place: usize) {
+        let is_read = |target: &(String, usize, usize)| target.0.starts_with("x->") || target.0.starts_with("d->");
+        let are_read = lanes.targets.iter().flatten().any(is_read);
+        let mut lines = Vec::new();
+        for (k, value) in found.into_iter().enumerate() {
+            let to = lanes.targets[k].clone().unwrap_or((array.to_owned(), lanes.slot(k), 1));
+            let value = if lanes.targets[k].is_none() { value.real() } else { value };
+            let text = if are_read && value.size > 0 {
+                let name = self.names.numbered("v", place);
+                let of = if value.kind == Kind::Real { "real" } else { "int" };
+                self.line(&format!("const {of} {name} = {};", value.text));
+                name
+            } else {
+                value.text
+            };
+            lines.push(format!("{} = {text};", counted(&to, counter)));
+        }
+        lines.iter().for_each(|line| self.line(line));
+    }
+
+    /// A number, not by its name where it is a result of a loop: others are beside it.
+    fn unnamed(&self, node: Node, scope: &Scope) -> Expression {
+        match scope.operations[node.index()] {
+            Operation::Part(from, number) => self.part(from, number, scope),
+            _ => scope.of(node).clone(),
+        }
+    }
+
+    /// A result of an iteration.
+    pub(super) fn part(&self, from: Node, number: u32, scope: &Scope) -> Expression {
+        let (array, number) = (&scope.of(from).text, number as usize);
+        let text = match self.loops.get(&from.index()) {
+            Some(lanes) => match &lanes.targets[number / lanes.count] {
+                Some((array, first, step)) => format!("{array}[{}]", first + number % lanes.count * step),
+                None => format!("{array}[{}]", lanes.slot(number / lanes.count) + number % lanes.count),
+            },
+            None => format!("{array}[{number}]"),
+        };
+        Expression::atom(text, Kind::Real)
     }
 
     /// A number of each lane as the body of a loop reads it.
@@ -110,9 +162,7 @@ impl Function<'_> {
                 Some(all) => Expression::atom(counted(&all, counter), captured[0].kind),
                 None => gathered(self, "g", &captured, "const"),
             },
-            Input::Elements(array, first, step) => {
-                Expression::atom(counted(&(array.clone(), *first, *step), counter), Kind::Real)
-            }
+            Input::Elements(all, kind) => Expression::atom(counted(all, counter), *kind),
             Input::Numbers(numbers) if numbers.iter().all(|one| one.to_bits() == numbers[0].to_bits()) => {
                 Expression::number(numbers[0])
             }

@@ -16,7 +16,7 @@ const TAKEN: &str = "auto break case char const continue default do double else 
     export false friend mutable namespace new noexcept not nullptr operator or private protected public reinterpret_cast requires \
     static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t xor \
     NAN INFINITY HUGE_VAL EOF NULL stdin stdout stderr errno M_E M_PI DBL_MAX DBL_MIN DBL_EPSILON FLT_MAX FLT_MIN FLT_EPSILON \
-    INT_MAX INT_MIN LARGE LARGEST SMALL";
+    INT_MAX INT_MIN LARGE LARGEST ONCE SMALL";
 
 /// Names that were given in a function.
 #[derive(Debug, Default)]

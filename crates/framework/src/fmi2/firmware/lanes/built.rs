@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::tuples::{Operand, Search};
 use super::{Known, Rolled};
+use crate::fmi2::source::expression::Kind;
 use crate::fmi2::source::loops::{Input, Lanes, Loops, elements};
 use crate::recording::{Body, Node, Operation};
 
@@ -123,7 +124,8 @@ impl Builder<'_> {
         let count = all().next().map_or(0, |(_, tuple)| tuple.nodes.len());
         let body = Arc::new(Body { operations: body, goes_on: next[0], next });
         let place = self.add(Operation::Iterate { body, most: count, start: Vec::new(), captured });
-        self.loops.insert(place.index(), Lanes { count, inputs });
+        let targets = vec![None; self.all[number].results.len()];
+        self.loops.insert(place.index(), Lanes { count, inputs, targets });
         self.all[number].place = Some(place);
         place
     }
@@ -138,9 +140,10 @@ impl Builder<'_> {
         if nodes.windows(2).all(|pair| pair[0] == pair[1]) {
             return (Input::Same, vec![nodes[0]]);
         }
-        let texts: Option<Vec<String>> = operations().map(|one| (self.known.element)(one)).collect();
-        match texts.and_then(|texts| elements(texts.iter().map(String::as_str))) {
-            Some((array, first, step)) => (Input::Elements(array, first, step), Vec::new()),
+        let texts: Option<Vec<(String, Kind)>> = operations().map(|one| (self.known.element)(one)).collect();
+        let texts = texts.unwrap_or_default();
+        match elements(texts.iter().map(|one| one.0.as_str())) {
+            Some(all) => (Input::Elements(all, texts[0].1), Vec::new()),
             None => (Input::Each, nodes.to_vec()),
         }
     }

@@ -10,7 +10,8 @@ mod tuples;
 use std::rc::Rc;
 
 use super::functions::Written;
-use crate::fmi2::source::loops::{Loops, element};
+use crate::fmi2::source::expression::Kind;
+use crate::fmi2::source::loops::{Input, Loops, element};
 use crate::recording::{Binary, Node, Operation, followed};
 use tuples::{Search, shape};
 
@@ -26,7 +27,30 @@ pub(super) struct Known<'a> {
     /// The number that an operation is.
     pub number: &'a dyn Fn(&Operation) -> Option<f64>,
     /// The element of an array in C that a leaf is.
-    pub element: &'a dyn Fn(&Operation) -> Option<String>,
+    pub element: &'a dyn Fn(&Operation) -> Option<(String, Kind)>,
+    /// The least number that a leaf or a constant is, if known.
+    pub least: &'a dyn Fn(&Operation) -> Option<f64>,
+}
+
+impl Rolled {
+    /// Constants of a step that a loop reads one a lane.
+    pub fn constants(&self) -> Vec<Vec<usize>> {
+        let mut all = Vec::new();
+        for (place, lanes) in &self.loops {
+            let Operation::Iterate { captured, .. } = &self.operations[*place] else { continue };
+            let mut captured = captured.iter();
+            for input in &lanes.inputs {
+                let count = if *input == Input::Each { lanes.count } else { usize::from(*input == Input::Same) };
+                let read: Vec<&Node> = captured.by_ref().take(count).collect();
+                let numbers = read.into_iter().map(|node| match self.operations[node.index()] {
+                    Operation::Carried(number) => Some(number as usize),
+                    _ => None,
+                });
+                all.extend(numbers.collect::<Option<Vec<_>>>().filter(|numbers| numbers.len() >= FEWEST));
+            }
+        }
+        all
+    }
 }
 
 /// The fewest lanes of a loop.
@@ -37,32 +61,32 @@ pub(super) fn rolled(operations: &[Operation], wanted: &[Node], written: &[&Writ
     let all: Vec<_> = wanted.iter().map(|&node| (node, None)).collect();
     let operations = followed(operations, &all);
     let mut search = Search::of(&operations, wanted);
-    for nodes in arrays(&operations, written).into_iter().chain(search.chains()) {
+    for nodes in arrays(&operations, wanted, written).into_iter().chain(search.chains()) {
         search.begin(&nodes);
     }
     search.settle(known);
     built::built(&search, wanted, known)
 }
 
-/// Elements of arrays, one behind the other, that are computed alike.
-fn arrays(operations: &[Operation], written: &[&Written]) -> Vec<Vec<Node>> {
-    let mut all: Vec<Vec<Node>> = Vec::new();
-    let mut last: Option<(&str, usize, u64)> = None;
+/// Elements of arrays, one behind the other, that are computed alike, and conditions that are.
+fn arrays(operations: &[Operation], wanted: &[Node], written: &[&Written]) -> Vec<Vec<Node>> {
+    let mut arrays: Vec<(&str, Vec<(usize, Node)>)> = Vec::new();
     for one in written {
-        let Some((array, number)) = element(&one.to) else {
-            last = None;
-            continue;
-        };
-        let alike = shape(operations, one.node);
-        if last.is_some_and(|(before, k, other)| before == array && k + 1 == number && other == alike) {
-            all.last_mut().expect("one is there").push(one.node);
-        } else {
-            all.push(vec![one.node]);
+        let Some((array, number)) = element(&one.to) else { continue };
+        match arrays.iter_mut().find(|(other, _)| *other == array) {
+            Some((_, all)) => all.push((number, one.node)),
+            None => arrays.push((array, vec![(number, one.node)])),
         }
-        last = Some((array, number, alike));
     }
-    all.retain(|nodes| nodes.len() >= FEWEST);
-    all
+    let conditions = wanted[written.len()..].iter().copied().enumerate().collect();
+    let mut found: Vec<Vec<Node>> = Vec::new();
+    for (_, all) in arrays.into_iter().chain([("", conditions)]) {
+        let is_next =
+            |a: &(usize, Node), b: &(usize, Node)| a.0 + 1 == b.0 && shape(operations, a.1) == shape(operations, b.1);
+        let alike = all.chunk_by(is_next).filter(|all| all.len() >= FEWEST);
+        found.extend(alike.map(|all| all.iter().map(|one| one.1).collect::<Vec<_>>()));
+    }
+    found
 }
 
 impl Search<'_> {
@@ -99,7 +123,8 @@ impl Search<'_> {
         }
     }
 
-    /// Looks for what some nodes have in common: those that are selections by one condition, for each of its arms.
+    /// Looks for what some nodes have in common. Selections by one condition that are always made stay outside: each of their arms may
+    /// have loops.
     fn begin(&mut self, nodes: &[Node]) {
         let conditions: Vec<(Node, Node, Node)> = nodes
             .iter()
@@ -109,7 +134,8 @@ impl Search<'_> {
             })
             .collect();
         let is_one = conditions.len() == nodes.len() && conditions.windows(2).all(|pair| pair[0].0 == pair[1].0);
-        if is_one {
+        let is_outermost = nodes.iter().all(|node| self.guards[node.index()].is_always());
+        if is_one && is_outermost {
             self.begin(&conditions.iter().map(|selection| selection.1).collect::<Vec<_>>());
             self.begin(&conditions.iter().map(|selection| selection.2).collect::<Vec<_>>());
         } else if let Some(first) = nodes.first() {

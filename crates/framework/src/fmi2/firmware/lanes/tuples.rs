@@ -7,8 +7,10 @@ use std::rc::Rc;
 use super::Known;
 use crate::fmi2::source::blocks::is_total;
 use crate::fmi2::source::loops::elements;
-use crate::recording::{Guard, Node, Operation, guards, needed};
+use crate::recording::{Binary, Guard, Node, Operation, Unary, guards, needed};
 
+/// Bytes of code that a loop has to save before it is worth its time.
+const OVERHEAD: usize = 60;
 /// More rounds than that mean that loops follow from each other.
 const MOST_ROUNDS: usize = 60;
 
@@ -77,6 +79,14 @@ impl<'a> Search<'a> {
         if !self.are_alike(nodes) {
             return None;
         }
+        // What is needed elsewhere, too, has a loop of its own.
+        let own = Rc::clone(&self.guards[nodes[0].index()]);
+        if !nodes.iter().all(|node| self.guards[node.index()].implies(home)) {
+            if nodes.iter().all(|node| self.guards[node.index()].implies(&own)) {
+                self.expand(nodes, &own);
+            }
+            return None;
+        }
         let number = self.tuples.len();
         self.tuples.push(None);
         nodes.iter().enumerate().for_each(|(lane, &node)| _ = self.owners.insert(node, (number, lane)));
@@ -131,7 +141,7 @@ impl<'a> Search<'a> {
                 return;
             }
             self.part_loops();
-            let wrong = self.wrong();
+            let wrong = self.wrong(known);
             let left_out = if wrong.is_empty() { self.not_worth_it(known) } else { wrong };
             if left_out.is_empty() {
                 return;
@@ -240,39 +250,48 @@ impl<'a> Search<'a> {
     }
 
     /// Tuples whose results can't be in an array, or that read what isn't there wherever their loop is needed.
-    fn wrong(&self) -> Vec<usize> {
+    fn wrong(&self, known: &Known) -> Vec<usize> {
         let outside = self.read_outside();
         let is_wrong = |number: &usize| {
             let Some(tuple) = &self.tuples[*number] else { return false };
-            let is_condition = matches!(
-                self.operations[tuple.nodes[0].index()],
-                Operation::Compare(..) | Operation::Not(_) | Operation::And(..) | Operation::Or(..)
-            );
-            let is_elsewhere = tuple.nodes.iter().any(|node| self.guards[node.index()] != tuple.home);
             let mut found = HashMap::new();
-            let mut is_there = |node: &Node| self.is_there(*node, &tuple.home, &mut found);
-            let mut lacks =
-                |operand: &Operand| matches!(operand, Operand::Read(nodes) if !nodes.iter().all(&mut is_there));
-            outside[*number] && (is_condition || is_elsewhere) || tuple.operands.iter().any(&mut lacks)
+            let mut are_there =
+                |nodes: &[Node]| nodes.iter().all(|node| self.is_there(*node, &tuple.home, known, &mut found));
+            outside[*number] && !are_there(&tuple.nodes)
+                || tuple.operands.iter().any(|operand| matches!(operand, Operand::Read(nodes) if !are_there(nodes)))
         };
         (0..self.tuples.len()).filter(is_wrong).collect()
     }
 
     /// True if a node is needed wherever a loop is, or can be computed there all the same.
-    fn is_there(&self, node: Node, home: &Guard, found: &mut HashMap<Node, bool>) -> bool {
-        let guard = &self.guards[node.index()];
-        if guard.is_always() || **guard == *home {
+    fn is_there(&self, node: Node, home: &Guard, known: &Known, found: &mut HashMap<Node, bool>) -> bool {
+        if home.implies(&self.guards[node.index()]) {
             return true;
         }
-        if let Some(known) = found.get(&node) {
-            return *known;
+        if let Some(is) = found.get(&node) {
+            return *is;
         }
         let operation = &self.operations[node.index()];
-        let is = !self.owners.contains_key(&node)
-            && is_total(operation)
-            && operation.operands().all(|operand| self.is_there(operand, home, found));
+        let owner = self.owners.get(&node).and_then(|(number, _)| self.tuples[*number].as_ref());
+        let is_root = matches!(operation, Operation::Unary(Unary::Sqrt, of) if self.is_positive(*of, known));
+        let mut are_operands = || operation.operands().all(|operand| self.is_there(operand, home, known, found));
+        let is = match owner {
+            // Another loop's results are there wherever that is.
+            Some(owner) if *owner.home != *home => home.implies(&owner.home),
+            _ => (is_total(operation) || is_root) && are_operands(),
+        };
         found.insert(node, is);
         is
+    }
+
+    /// True for a number that has a root, whatever parameters are.
+    fn is_positive(&self, node: Node, known: &Known) -> bool {
+        match &self.operations[node.index()] {
+            Operation::Binary(Binary::Add | Binary::Mul, a, b) => {
+                [a, b].into_iter().all(|&of| self.is_positive(of, known))
+            }
+            operation => (known.least)(operation).is_some_and(|least| least >= 0.0),
+        }
     }
 
     /// Those of loops that take more than they save: bytes of code, about.
@@ -294,7 +313,7 @@ impl<'a> Search<'a> {
                     _ => {}
                 }
             }
-            if 5 * (count - 1) * all.len() <= 8 * count * read.len() + 4 * count * results + 24 {
+            if 5 * (count - 1) * all.len() <= 8 * count * read.len() + 4 * count * results + OVERHEAD {
                 return all;
             }
         }
@@ -317,8 +336,11 @@ impl<'a> Search<'a> {
             .owners
             .get(&nodes[0])
             .is_some_and(|(number, _)| self.tuples[*number].as_ref().is_some_and(|tuple| tuple.nodes == nodes));
-        let texts: Option<Vec<String>> = operations().map(|one| (known.element)(one)).collect();
-        let is_array = texts.is_some_and(|texts| elements(texts.iter().map(String::as_str)).is_some());
+        let texts: Option<Vec<(String, _)>> = operations().map(|one| (known.element)(one)).collect();
+        // Constants of a step that are read so are written so.
+        let are_constants = operations().all(|one| matches!(one, Operation::Carried(_)));
+        let is_array =
+            are_constants || texts.is_some_and(|all| elements(all.iter().map(|one| one.0.as_str())).is_some());
         !(is_one || is_loop || is_array || operations().all(|one| (known.number)(one).is_some()))
     }
 

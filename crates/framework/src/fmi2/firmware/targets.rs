@@ -1,0 +1,91 @@
+//! Places in C that results are written to where they are computed, not at the end of their function.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use super::functions::Written;
+use super::lanes::Rolled;
+use crate::fmi2::source::loops::{Input, Loops, element, elements};
+use crate::recording::{Node, Operation};
+
+/// The operations and loops of a function, whose results have targets where these can be, and the targets of selections.
+pub(super) fn of(
+    rolled: Rolled,
+    wanted: &[Node],
+    written: &[Written],
+) -> (Vec<Operation>, Loops, BTreeMap<usize, String>) {
+    let Rolled { operations, moved, mut loops } = rolled;
+    let moved = |node: &Node| moved[node.index()];
+    let uses = uses(&operations, wanted.iter().filter_map(moved));
+    let is_part = |node: Node| matches!(operations[node.index()], Operation::Part(..)) && uses[node.index()] == 1;
+    let (mut selections, mut of_parts) = (BTreeMap::new(), HashMap::new());
+    for one in written {
+        let Some(node) = moved(&one.node) else { continue };
+        let is_free = is_never_read(&one.to, &loops);
+        if is_part(node) {
+            of_parts.insert(node, one.to.clone());
+        }
+        if let (Operation::Select(_, yes, no), true, true) =
+            (&operations[node.index()], is_free, uses[node.index()] == 1)
+        {
+            selections.insert(node.index(), one.to.clone());
+            of_parts.extend([yes, no].into_iter().filter(|arm| is_part(**arm)).map(|arm| (*arm, one.to.clone())));
+        }
+    }
+    let mut parts: BTreeMap<(usize, usize), BTreeMap<usize, &str>> = BTreeMap::new();
+    for (place, operation) in operations.iter().enumerate() {
+        if let (Operation::Part(from, number), Some(to)) = (operation, of_parts.get(&Node::at(place)))
+            && let Some(lanes) = loops.get(&from.index())
+        {
+            let (result, lane) = (*number as usize / lanes.count, *number as usize % lanes.count);
+            parts.entry((from.index(), result)).or_default().insert(lane, to);
+        }
+    }
+    let mut found = Vec::new();
+    for ((place, result), texts) in parts {
+        if let Some(target) = elements(texts.values().copied())
+            && texts.len() == loops[&place].count
+            && may_be_written(&target, place, &loops)
+        {
+            found.push((place, result, target));
+        }
+    }
+    for (place, result, target) in found {
+        loops.get_mut(&place).expect("it is there").targets[result] = Some(target);
+    }
+    (operations, loops, selections)
+}
+
+/// Number of uses of each operation.
+fn uses(operations: &[Operation], wanted: impl Iterator<Item = Node>) -> Vec<usize> {
+    let mut uses = vec![0; operations.len()];
+    wanted.chain(operations.iter().flat_map(Operation::operands)).for_each(|node| uses[node.index()] += 1);
+    uses
+}
+
+/// The loops that read an array, with the element of the first lane, and those from lane to lane.
+fn readers(array: &str, loops: &Loops) -> BTreeSet<(usize, usize, usize)> {
+    let mut all = BTreeSet::new();
+    for (place, lanes) in loops {
+        for input in &lanes.inputs {
+            match input {
+                Input::Elements((other, first, step), _) if other == array => _ = all.insert((*place, *first, *step)),
+                _ => {}
+            }
+        }
+    }
+    all
+}
+
+/// True for what no operation reads. Where a function begins it reads what isn't read by loops.
+fn is_never_read(to: &str, loops: &Loops) -> bool {
+    ["dx->", "c->", "y->", "x->", "d->"].iter().any(|pointer| to.starts_with(pointer))
+        && readers(element(to).map_or(to, |(array, _)| array), loops).is_empty()
+}
+
+/// True if a loop may write its results to an array: no other loop reads that, and this one in each lane what it writes there.
+fn may_be_written((array, first, step): &(String, usize, usize), place: usize, loops: &Loops) -> bool {
+    let is_state = array.starts_with("x->") || array.starts_with("d->");
+    let is_own = |reader: &(usize, usize, usize)| *reader == (place, *first, *step);
+    ["dx->", "c->", "y->"].iter().any(|pointer| array.starts_with(pointer))
+        || is_state && readers(array, loops).iter().all(is_own)
+}
