@@ -25,6 +25,18 @@ pub(super) struct Constant {
     pub name: String,
 }
 
+/// Operations that signals and rates have in common from which they are computed together, and the Runge-Kutta steps in a period from
+/// which it takes little: four evaluations each, and one more for signals.
+const WORTH_SHARING: usize = 10;
+const MANY_SUBSTEPS: u32 = 10;
+
+impl Law<'_> {
+    /// True if signals are computed with the rates: by one more evaluation in a step of many. What both need is there once then.
+    pub fn evaluates_with_rates(&self) -> bool {
+        self.evaluates_once && self.shared >= WORTH_SHARING && self.substeps >= MANY_SUBSTEPS
+    }
+}
+
 /// True if nothing reads signals before the end of a step, whose constants are known where there are states.
 pub(super) fn evaluates_once(law: &Law) -> bool {
     let variables = law.variables();

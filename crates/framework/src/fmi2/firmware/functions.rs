@@ -146,6 +146,8 @@ pub(super) fn function(
         [] => targets::of(rolled, &wanted, written),
         _ => (rolled.operations, rolled.loops, BTreeMap::new()),
     };
+    let whole = written.iter().filter(|one| one.kind == Kind::Whole).filter_map(|one| moved(one.node));
+    function.whole = targets::whole(&operations, whole, nodes.iter().map(|wanted| wanted.0));
     (function.loops, function.targets) = (loops, targets);
     let found = function.compute(&operations, &nodes, &name, &of);
     for (k, (one, (_, reason))) in found[all.clone().count()..].iter().zip(refusals).enumerate() {
@@ -212,7 +214,8 @@ pub(super) fn rolled(
         _ => None,
     };
     let least = |operation: &Operation| number(operation).or_else(|| least(operation));
-    let known = Known { number: &number, element: &element, least: &least };
+    let is_repeated = std::ptr::eq(recording, &law.recorded.rates);
+    let known = Known { number: &number, element: &element, is_repeated, least: &least };
     lanes::rolled(recording.tape.operations(), wanted, written, &known)
 }
 

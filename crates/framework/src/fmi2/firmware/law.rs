@@ -22,10 +22,6 @@ pub(super) const LIMITS: [&str; 2] = ["u_min", "u_max"];
 const FROM_PARAMETERS: [Section; 2] = [Section::Parameter, Section::Prepared];
 const CONTINUED: [Section; 3] = [Section::State, Section::Discrete, Section::Memory];
 pub(super) const EVALUATED: [Section; 3] = [Section::Connected, Section::Signal, Section::Derivative];
-/// Operations that signals and rates have in common from which they are computed together, and the Runge-Kutta steps in a period from
-/// which it takes little: four evaluations each, and one more for signals.
-const WORTH_SHARING: usize = 10;
-const MANY_SUBSTEPS: u32 = 10;
 /// Bits of a status that outputs may have.
 pub(super) const MOST_FLAGS: usize = 24;
 
@@ -187,11 +183,6 @@ impl<'a> Law<'a> {
         let is_fixed = is_in(&FROM_PARAMETERS, |section| variables.integers(section), place);
         (is_fixed && !self.variable_integers[place] || self.never_written.integers[place])
             .then(|| self.start.integers[place])
-    }
-
-    /// True if signals are computed with the rates: by one more evaluation in a step of many. What both need is there once then.
-    pub fn evaluates_with_rates(&self) -> bool {
-        self.evaluates_once && self.shared >= WORTH_SHARING && self.substeps >= MANY_SUBSTEPS
     }
 
     /// True if a real value counts samples.

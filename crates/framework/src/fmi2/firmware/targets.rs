@@ -55,6 +55,23 @@ pub(super) fn of(
     (operations, loops, selections)
 }
 
+/// Selections that nothing reads but as whole numbers: those that are wanted so, and their arms.
+pub(super) fn whole(
+    operations: &[Operation],
+    written: impl Iterator<Item = Node>,
+    wanted: impl Iterator<Item = Node>,
+) -> BTreeSet<usize> {
+    let uses = uses(operations, wanted);
+    let (mut left, mut found) = (written.collect::<Vec<_>>(), BTreeSet::new());
+    while let Some(node) = left.pop() {
+        if let (Operation::Select(_, yes, no), 1) = (&operations[node.index()], uses[node.index()]) {
+            found.insert(node.index());
+            left.extend([yes, no]);
+        }
+    }
+    found
+}
+
 /// Number of uses of each operation.
 fn uses(operations: &[Operation], wanted: impl Iterator<Item = Node>) -> Vec<usize> {
     let mut uses = vec![0; operations.len()];

@@ -71,7 +71,7 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     // Four rates; the states along them four times, and their sum three times, where the last ones count once.
     let sums = Work { simple: 13 * states + 3, divisions: 1, functions: 0 };
     let integrated = if states > 0 { of(&recorded.rates, &nodes(law.rates())) * 4 + sums } else { Work::default() };
-    let rates = law.evaluates_with_rates().then(|| law.rates()).unwrap_or_default();
+    let rates = if law.evaluates_with_rates() { law.rates() } else { Places::new() };
     let signals: Vec<Node> = [rates, law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
     let substeps = u64::from(law.substeps);
     let sample = recorded.sample.as_ref().map(&changes).unwrap_or_default();

@@ -253,6 +253,16 @@ impl Expression {
         Expression::new(text, Binding::Selection, kind, size).made_of(&[&condition, &yes, &no])
     }
 
+    /// One of two whole numbers, where both are.
+    pub fn whole_selection(condition: &Self, yes: &Self, no: &Self) -> Option<Self> {
+        let is_whole = |e: &Self| e.kind == Kind::Whole || e.is_whole_number();
+        (is_whole(yes) && is_whole(no)).then(|| {
+            let [yes, no] = [yes.whole(), no.whole()];
+            let whole = Expression::select(condition, &yes, &no);
+            Expression { kind: Kind::Whole, ..whole }
+        })
+    }
+
     /// A call of a function of the runtime.
     pub fn call(name: &str, arguments: &[Self]) -> Self {
         let size = arguments.iter().map(|argument| argument.size).sum::<usize>() + 1;

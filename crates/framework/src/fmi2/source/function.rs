@@ -32,6 +32,8 @@ pub struct Function<'a> {
     pub loops: Loops,
     /// Places of selections in C, by theirs among the operations: what is written there is no variable.
     pub targets: BTreeMap<usize, String>,
+    /// Selections that nothing reads but as whole numbers.
+    pub whole: BTreeSet<usize>,
 }
 
 /// Operations of a tape, or of an iteration's body, and their expressions so far.
@@ -76,6 +78,7 @@ impl<'a> Function<'a> {
             conditions,
             loops: Loops::new(),
             targets: BTreeMap::new(),
+            whole: BTreeSet::new(),
         }
     }
 
@@ -197,6 +200,11 @@ impl<'a> Function<'a> {
             Operation::Iterate { body, most, start, captured } => {
                 self.iteration(body, *most, (start, captured), place, scope)
             }
+            Operation::Select(condition, yes, no) => {
+                let of = |node: &Node| scope.of(*node);
+                let found = self.selection(place, of(condition), of(yes), of(no));
+                self.named_or_inline(place, found, scope)
+            }
             Operation::Part(from, number) if self.loops.contains_key(&from.index()) => self.part(*from, *number, scope),
             Operation::Part(from, number) => self.named_or_inline(place, self.part(*from, *number, scope), scope),
             _ => self.named_or_inline(place, expression(operation, scope), scope),
@@ -261,8 +269,8 @@ impl<'a> Function<'a> {
     ) {
         let Operation::Select(condition, ..) = scope.operations[group[0]] else { unreachable!("it is a selection") };
         let condition = scope.of(condition).condition();
-        let both = taken.1.iter().zip(&other.1);
-        let selections: Vec<_> = both.map(|(yes, no)| Expression::select(&condition, yes, no)).collect();
+        let both = group.iter().zip(taken.1.iter().zip(&other.1));
+        let selections: Vec<_> = both.map(|(&place, (yes, no))| self.selection(place, &condition, yes, no)).collect();
         if taken.0.is_empty() && other.0.is_empty() {
             for (&place, selection) in group.iter().zip(selections) {
                 scope.found[place] = Some(self.named_or_inline(place, selection, scope));
@@ -295,6 +303,12 @@ impl<'a> Function<'a> {
         for (&place, (name, kind)) in group.iter().zip(names) {
             scope.found[place] = Some(Expression::atom(name, kind));
         }
+    }
+
+    /// One of two, as a whole number where it is wanted so.
+    fn selection(&self, place: usize, condition: &Expression, yes: &Expression, no: &Expression) -> Expression {
+        let whole = self.whole.contains(&place).then(|| Expression::whole_selection(condition, yes, no)).flatten();
+        whole.unwrap_or_else(|| Expression::select(condition, yes, no))
     }
 
     /// An expression as it is, or by the name that it gets.

@@ -26,7 +26,7 @@ pub enum Input {
 pub struct Lanes {
     /// Their number.
     pub count: usize,
-    /// What the body reads, by number.
+    /// Numbers that the body reads, in their order.
     pub inputs: Vec<Input>,
     /// Arrays in C that results are written to, and nothing else: the element of the first lane, and those from lane to lane. Others have
     /// an array of the loop.

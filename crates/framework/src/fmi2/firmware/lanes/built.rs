@@ -14,7 +14,7 @@ use crate::recording::{Body, Node, Operation};
 struct Loop {
     tuples: Vec<usize>,
     results: Vec<usize>,
-    /// Where it is among the new operations.
+    /// Its place among the new operations.
     place: Option<Node>,
 }
 

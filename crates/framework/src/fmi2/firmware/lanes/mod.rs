@@ -22,12 +22,14 @@ pub(super) struct Rolled {
     pub loops: Loops,
 }
 
-/// What is known of leaves and constants.
+/// Knowledge of leaves and constants.
 pub(super) struct Known<'a> {
     /// The number that an operation is.
     pub number: &'a dyn Fn(&Operation) -> Option<f64>,
     /// The element of an array in C that a leaf is.
     pub element: &'a dyn Fn(&Operation) -> Option<(String, Kind)>,
+    /// True for a function that is called again and again in a step.
+    pub is_repeated: bool,
     /// The least number that a leaf or a constant is, if known.
     pub least: &'a dyn Fn(&Operation) -> Option<f64>,
 }
@@ -113,7 +115,7 @@ impl Search<'_> {
         all
     }
 
-    /// What comes before the last term of a sum or a condition, and that term, where it is one as that at the end of its chain.
+    /// The part before the last term of a sum or a condition, and that term, where it is one as that at the end of its chain.
     fn link(&self, at: Node, end: Node) -> Option<(Node, Node)> {
         match (&self.operations[at.index()], &self.operations[end.index()]) {
             (Operation::Binary(Binary::Add, a, b), Operation::Binary(Binary::Add, ..))

@@ -9,8 +9,12 @@ use crate::fmi2::source::blocks::is_total;
 use crate::fmi2::source::loops::elements;
 use crate::recording::{Binary, Guard, Node, Operation, Unary, guards, needed};
 
-/// Bytes of code that a loop has to save before it is worth its time.
-const OVERHEAD: usize = 60;
+/// Bytes of code, about: of a number that a loop reads in an array of its own, and of a result, for each lane; of an operation, and of the
+/// loop. Where a function is called again and again in a step, what a loop saves counts less, as it takes time.
+const OF_READ: usize = 8;
+const OF_RESULT: usize = 4;
+const ONCE: [usize; 2] = [10, 40];
+const REPEATED: [usize; 2] = [5, 60];
 /// More rounds than that mean that loops follow from each other.
 const MOST_ROUNDS: usize = 60;
 
@@ -186,7 +190,7 @@ impl<'a> Search<'a> {
         false
     }
 
-    /// What only later loops read is computed there.
+    /// Moves to later loops what only these read.
     fn move_to_users(&mut self) {
         let outside = self.read_outside();
         for _ in 0..MOST_ROUNDS {
@@ -313,7 +317,9 @@ impl<'a> Search<'a> {
                     _ => {}
                 }
             }
-            if 5 * (count - 1) * all.len() <= 8 * count * read.len() + 4 * count * results + OVERHEAD {
+            let [of_operation, overhead] = if known.is_repeated { REPEATED } else { ONCE };
+            let taken = OF_READ * count * read.len() + OF_RESULT * count * results + overhead;
+            if of_operation * (count - 1) * all.len() <= taken {
                 return all;
             }
         }
