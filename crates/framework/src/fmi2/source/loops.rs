@@ -1,6 +1,7 @@
 //! Loops in C: iterations, and what is the same for some lanes, as the axes of a vehicle are.
 
 use std::collections::BTreeMap;
+use std::mem::take;
 
 use super::blocks::Wanted;
 use super::expression::{Expression, Kind};
@@ -223,6 +224,10 @@ impl Function<'_> {
         given: &dyn Fn(&Operation) -> Expression,
     ) -> Vec<Expression> {
         let wanted: Vec<Wanted> = wanted.iter().map(|&node| (node, None)).collect();
-        self.compute(&body.operations, &wanted, named, given)
+        // Places are those of the body's operations there.
+        let (loops, targets, whole) = (take(&mut self.loops), take(&mut self.targets), take(&mut self.whole));
+        let found = self.compute(&body.operations, &wanted, named, given);
+        (self.loops, self.targets, self.whole) = (loops, targets, whole);
+        found
     }
 }

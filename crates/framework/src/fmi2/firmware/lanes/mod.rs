@@ -5,6 +5,8 @@
 //! are, they belong to the loop, too. Others are read by it, in arrays. What follows from all elements of one loop is in a later one.
 
 mod built;
+#[cfg(test)]
+mod tests;
 mod tuples;
 
 use std::rc::Rc;
