@@ -77,7 +77,7 @@ fn evaluations(law: &Law, structs: &Structs, driver: &Driver) -> String {
 }
 
 /// Signals that are read, and their places.
-fn signals(law: &Law, structs: &Structs) -> Vec<Written> {
+pub(super) fn signals(law: &Law, structs: &Structs) -> Vec<Written> {
     let real = |(place, node)| Some(written(law, access(structs, place, true, "")?, place, node));
     let whole = |(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node));
     let reals = law.signals().into_iter().filter_map(real);
@@ -85,7 +85,7 @@ fn signals(law: &Law, structs: &Structs) -> Vec<Written> {
 }
 
 /// Rates of the states, and their places.
-fn rates(law: &Law, structs: &Structs) -> Vec<Written> {
+pub(super) fn rates(law: &Law, structs: &Structs) -> Vec<Written> {
     let variables = law.variables();
     let (first, rate) = (variables.reals(Section::State).start, variables.reals(Section::Derivative).start);
     let one = |(place, node): (usize, Node)| {
@@ -100,17 +100,22 @@ fn rates(law: &Law, structs: &Structs) -> Vec<Written> {
     law.rates().into_iter().filter_map(one).collect()
 }
 
+/// Rates, and signals that are computed with them.
+pub(super) fn with_rates(law: &Law, structs: &Structs) -> Vec<Written> {
+    let others = if law.evaluates_with_rates() { signals(law, structs) } else { Vec::new() };
+    rates(law, structs).into_iter().chain(others).collect()
+}
+
 /// Constants of a step that loops of the state equation read one a lane.
 pub(super) fn constants_by_lanes(law: &Law, structs: &Structs) -> Vec<Vec<usize>> {
-    let (rates, signals) = (rates(law, structs), signals(law, structs));
-    let others = if law.evaluates_with_rates() { &signals[..] } else { &[] };
-    let written: Vec<&Written> = rates.iter().chain(others).collect();
+    let all = with_rates(law, structs);
+    let written: Vec<&Written> = all.iter().collect();
     let wanted: Vec<Node> = written.iter().map(|one| one.node).collect();
     rolled(law, structs, "", &law.recorded.rates, (&wanted, &written)).constants()
 }
 
-/// The constants of a step.
-fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
+/// The constants of a step, and their places.
+pub(super) fn of_step(law: &Law) -> Vec<Written> {
     let of = |one: &Constant| Written {
         to: format!("c->{}", one.name),
         node: one.node,
@@ -118,7 +123,12 @@ fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
         name: None,
         source: "",
     };
-    let all: Vec<Written> = law.constants.iter().map(of).collect();
+    law.constants.iter().map(of).collect()
+}
+
+/// The function of the constants of a step.
+fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
+    let all = of_step(law);
     if all.is_empty() {
         return String::new();
     }
@@ -131,21 +141,23 @@ fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
     function(law, structs, &head, &law.recorded.constants, &all, &[])
 }
 
+/// States and discrete values that a method changes, and their places.
+pub(super) fn changed(law: &Law, structs: &Structs, recording: &Recording) -> Vec<Written> {
+    let (reals, integers) = law.changed(recording);
+    let real = |(place, node)| Some(written(law, access(structs, place, true, "")?, place, node));
+    let whole = |(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node));
+    reals.into_iter().filter_map(real).chain(integers.into_iter().filter_map(whole)).collect()
+}
+
 /// Methods that start, change and refuse.
 fn changes(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let recorded = &law.recorded;
     let mut text = String::new();
     let mut one = |name: &str, what: &str, recording: &Recording, refuses: bool| {
-        let (reals, integers) = law.changed(recording);
-        let reals = reals
-            .into_iter()
-            .filter_map(|(place, node)| Some(written(law, access(structs, place, true, "")?, place, node)));
-        let integers = integers
-            .into_iter()
-            .filter_map(|(place, node)| Some(written_whole(law, access(structs, place, false, "")?, place, node)));
         // Before the start all is zero.
         let is_zero = |one: &Written| name == "start" && recording.tape.constant(one.node) == Some(0.0);
-        let all: Vec<Written> = reals.chain(integers).filter(|one| !is_zero(one)).collect();
+        let mut all = changed(law, structs, recording);
+        all.retain(|one| !is_zero(one));
         let refusals = if refuses { law.refusals(recording) } else { Vec::new() };
         let writes = if all.is_empty() { Writes::Nothing } else { Writes::State };
         let head = Head {

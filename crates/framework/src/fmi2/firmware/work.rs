@@ -3,8 +3,9 @@
 use std::ops::{Add, Mul};
 
 use super::driver::Driver;
-use super::functions::Structs;
-use super::law::{Law, Places};
+use super::equations;
+use super::functions::{Structs, Written, rolled};
+use super::law::Law;
 use crate::fmi2::source::blocks::{Block, Blocks, ROOT, arm, placed};
 use crate::recording::{Binary, Node, Operation, Recording, Unary};
 
@@ -57,34 +58,34 @@ pub(super) struct Row {
 /// A row for each function that computes anything, and what a step takes at most in which nothing but its samples and the integration
 /// happens: no start, no hand-over, no calibration.
 pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
-    let nodes = |of: Places| of.into_iter().map(|(_, node)| node).collect::<Vec<_>>();
     let recorded = &law.recorded;
-    let changes = |recording: &Recording| {
-        let (reals, integers) = law.changed(recording);
-        // A whole number is brought within its range.
-        let whole = Work { simple: 3 * integers.len() as u64, ..Work::default() };
-        let refusals = law.refusals(recording).into_iter().map(|(condition, _)| condition);
-        whole + of(recording, &nodes(reals).into_iter().chain(nodes(integers)).chain(refusals).collect::<Vec<_>>())
+    let of = |recording: &Recording, written: &[Written], conditions: Vec<Node>| {
+        of(law, structs, recording, (written, conditions))
     };
-    let indicators: Vec<Node> = law.indicators.iter().map(|&k| recorded.indicators.results[k]).collect();
+    let changes = |recording: &Recording| {
+        // A whole number is brought within its range.
+        let whole = Work { simple: 3 * law.changed(recording).1.len() as u64, ..Work::default() };
+        let refusals = law.refusals(recording).into_iter().map(|(condition, _)| condition).collect();
+        whole + of(recording, &equations::changed(law, structs, recording), refusals)
+    };
     let states = law.rates().len() as u64;
     // Four rates; the states along them four times, and their sum three times, where the last ones count once.
     let sums = Work { simple: 13 * states + 3, divisions: 1, functions: 0 };
-    let integrated = if states > 0 { of(&recorded.rates, &nodes(law.rates())) * 4 + sums } else { Work::default() };
-    let rates = if law.evaluates_with_rates() { law.rates() } else { Places::new() };
-    let signals: Vec<Node> = [rates, law.signals(), law.whole_signals()].into_iter().flat_map(nodes).collect();
+    let rates = of(&recorded.rates, &equations::with_rates(law, structs), Vec::new());
+    let integrated = if states > 0 { rates * 4 + sums } else { Work::default() };
     let substeps = u64::from(law.substeps);
     let sample = recorded.sample.as_ref().map(&changes).unwrap_or_default();
     let every = if law.every == 1 { "1".to_owned() } else { format!("1 in {} steps", law.every) };
-    let evaluated = of(&recorded.signals, &signals);
+    let signals = || of(&recorded.signals, &equations::signals(law, structs), Vec::new());
+    let evaluated = if law.evaluates_with_rates() { rates } else { signals() };
     // Each input is compared once, each state and output twice, with a magnitude; limits of an output take four comparisons; a
     // step is divided by its substeps.
     let (inputs, outputs) = (structs.inputs.reals().count() as u64, structs.outputs.reals().count() as u64);
     let compared = Work { simple: inputs + 2 * states + 6 * outputs, divisions: u64::from(states > 0), functions: 0 };
     let completed = changes(&recorded.completed) + changes(&recorded.check) + compared;
-    let sides = of(&recorded.indicators, &indicators);
-    let constants: Vec<Node> = law.constants.iter().map(|one| one.node).collect();
-    let constants = of(&recorded.constants, &constants);
+    let indicators = law.indicators.iter().map(|&k| recorded.indicators.results[k]).collect();
+    let sides = of(&recorded.indicators, &[], indicators);
+    let constants = of(&recorded.constants, &equations::of_step(law), Vec::new());
     let [side_calls, evaluations] = Driver::of(law, structs).calls(law);
     let of_each = [
         ("what the steps below don't change", "1, and after an event".to_owned(), constants, 1),
@@ -102,10 +103,15 @@ pub(super) fn rows(law: &Law, structs: &Structs) -> (Vec<Row>, Work) {
     (rows.filter(|row| row.work != Work::default()).collect(), whole)
 }
 
-/// Operations that some nodes need at most, whichever arms selections take.
-fn of(recording: &Recording, nodes: &[Node]) -> Work {
-    let wanted: Vec<_> = nodes.iter().map(|&node| (node, None)).collect();
-    let placed = placed(recording.tape.operations(), &wanted);
+/// Operations that values and conditions need at most, whichever arms selections take.
+fn of(law: &Law, structs: &Structs, recording: &Recording, (written, conditions): (&[Written], Vec<Node>)) -> Work {
+    let wanted: Vec<Node> = written.iter().map(|one| one.node).chain(conditions).collect();
+    let rolled = rolled(law, structs, "", recording, (&wanted, &written.iter().collect::<Vec<_>>()));
+    of_nodes(&rolled.operations, wanted.iter().filter_map(|node| rolled.moved[node.index()]))
+}
+
+fn of_nodes(operations: &[Operation], nodes: impl Iterator<Item = Node>) -> Work {
+    let placed = placed(operations, &nodes.map(|node| (node, None)).collect::<Vec<_>>());
     within(&placed.operations, &placed.blocks, ROOT)
 }
 
@@ -145,6 +151,10 @@ fn of_operation(operation: &Operation) -> Work {
         | Operation::And(..)
         | Operation::Or(..)
         | Operation::Select(..) => simple(1),
+        // What is the same for some lanes.
+        Operation::Iterate { body, most, start, .. } if start.is_empty() => {
+            of_nodes(&body.operations, body.next.iter().copied()) * *most as u64
+        }
         Operation::Iterate { body, most, .. } => {
             body.operations.iter().fold(Work::default(), |sum, one| sum + of_operation(one)) * *most as u64
         }
