@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::functions::Written;
 use super::lanes::Rolled;
+use crate::fmi2::source::expression::Kind;
 use crate::fmi2::source::loops::{Input, Loops, element, elements};
 use crate::recording::{Node, Operation};
 
@@ -19,8 +20,10 @@ pub(super) fn of(
     let is_part = |node: Node| matches!(operations[node.index()], Operation::Part(..)) && uses[node.index()] == 1;
     let (mut selections, mut of_parts) = (BTreeMap::new(), HashMap::new());
     for one in written {
-        let Some(node) = moved(&one.node) else { continue };
-        let is_free = is_never_read(&one.to, &loops);
+        // A whole number that isn't a condition may be computed as a real one.
+        let is_number = one.kind == Kind::Whole && one.name.is_some();
+        let Some(node) = moved(&one.node).filter(|_| !is_number) else { continue };
+        let is_free = one.kind == Kind::Real && is_never_read(&one.to, &loops);
         if is_part(node) {
             of_parts.insert(node, one.to.clone());
         }
