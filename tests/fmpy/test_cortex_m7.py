@@ -278,12 +278,12 @@ def test_vectors_are_replayed_on_the_target(machine, laws, tmp_path) -> None:
 
 # Laws that were written by hand, too: with so many substeps, and how much more instructions, flash memory and RAM generated ones take.
 BY_HAND = {
-    "L1TwoLinkRobot": ("L1ByHand", 10, 0.95, [2.3, 1.05]),
-    "L1SampledTwoLinkRobot": ("L1SampledByHand", 1, 1.15, [1.35, 1.25]),
-    "PidNonlinearSiso": ("PidByHand", 1, 1.15, [1.33, 1.15]),
-    "LadrcTwoLinkRobot": ("LadrcByHand", 1, 1.06, [1.9, 0.9]),
-    "L1Motor": ("L1ZooByHand", MOTOR_STEPS, 1.1, [1.75, 0.75]),
-    "L1Quadrotor": ("L1QuadrotorByHand", 10, 1.25, [3.3, 0.97]),
+    "L1TwoLinkRobot": ("L1ByHand", 10, 0.95, [1.7, 1.05]),
+    "L1SampledTwoLinkRobot": ("L1SampledByHand", 1, 1.1, [1.25, 1.25]),
+    "PidNonlinearSiso": ("PidByHand", 1, 1.12, [1.33, 1.15]),
+    "LadrcTwoLinkRobot": ("LadrcByHand", 1, 1.04, [1.8, 0.9]),
+    "L1Motor": ("L1ZooByHand", MOTOR_STEPS, 0.98, [1.7, 0.75]),
+    "L1Quadrotor": ("L1QuadrotorByHand", 10, 1.14, [2.25, 0.97]),
 }
 
 
