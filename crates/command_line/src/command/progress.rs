@@ -169,6 +169,11 @@ impl Counter {
         self.advance(1, message);
     }
 
+    /// No run is done any more.
+    pub fn restart(&self) {
+        self.0.set_position(0);
+    }
+
     /// Counts `count` more runs as done.
     pub fn advance(&self, count: usize, message: &str) {
         self.0.set_message(message.to_owned());

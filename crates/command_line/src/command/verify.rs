@@ -162,7 +162,11 @@ impl Task {
         let load = |structure: &_| units.load(structure, &hosting);
         let mut study = Study::new(structure.clone(), settings, &asked, threads, load)?;
         // A subset simulation's batches are small, and depend on each other.
-        if !arguments.rare && employed().is_none() && arguments.job.is_none() {
+        if arguments.rare {
+            study.stay_on_processor(arguments.backend, "--rare has small batches");
+        } else if employed().is_some() || arguments.job.is_some() {
+            study.stay_on_processor(arguments.backend, "workers make them");
+        } else {
             study.accelerate(arguments.backend, plan.runs(), &progress::is_interrupted).map_err(wrong)?;
         }
         let run = options.provenance(&arguments.name, &files, &structure, settings, study.loaded())?;
@@ -170,7 +174,7 @@ impl Task {
         let drawn = asked.vary_from.iter().map(|of| adaptive_fmu::sealed::checksum_of_file(&of.file));
         let question = json!({
             "varied": varied, "drawn": drawn.collect::<Result<Vec<_>, _>>()?, "requirements": study.limits().of,
-            "seed": seed, "same_noise": same_noise, "run": run,
+            "seed": seed, "same_noise": same_noise, "run": run, "device": study.device(),
             // What a study only estimates may go on for longer.
             "plan": (plan.at_most().is_some() || arguments.rare).then_some(&plan),
         });
@@ -183,7 +187,7 @@ impl Task {
         let known = outcomes.len();
         let counter = Counter::new(bars, name, self.plan.runs() as usize, known);
         let mut record = Record::new(&self.question);
-        let (mut next, mut counted) = (Instant::now(), known);
+        let (mut next, mut counted, mut anew) = (Instant::now(), known, false);
         let write = |record: &mut Record, outcomes: &[Outcome]| {
             let wrong = |reason| Error::Loop { file: file.to_owned(), reason };
             record.add(outcomes).map_err(wrong)?;
@@ -192,7 +196,8 @@ impl Task {
         let done = |outcomes: &[Outcome], tally: &Tally| {
             if outcomes.len() < counted {
                 // Fixed steps were too long: the study has begun anew.
-                (record, counted) = (Record::new(&self.question), 0);
+                (record, counted, anew) = (Record::new(&self.question), 0, true);
+                counter.restart();
             }
             counter.advance(outcomes.len() - counted, &format!("{} failed", tally.failures));
             counted = outcomes.len();
@@ -209,7 +214,7 @@ impl Task {
         counter.clear();
         let ended = ended?;
         // A shorter study than an earlier one takes none of its runs away.
-        if outcomes.len() >= known {
+        if anew || outcomes.len() >= known {
             write(&mut Record::new(&self.question), outcomes)?;
         }
         Ok(ended)

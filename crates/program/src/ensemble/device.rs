@@ -4,11 +4,11 @@ use std::ptr;
 
 use opencl3::command_queue::CommandQueue;
 use opencl3::context::Context;
-use opencl3::device::{CL_DEVICE_TYPE_ALL, CL_DEVICE_TYPE_GPU, Device as Handle, get_all_devices};
+use opencl3::device::{CL_DEVICE_TYPE_ALL, CL_DEVICE_TYPE_GPU, Device as Handle};
 use opencl3::error_codes::ClError;
 use opencl3::kernel::{ExecuteKernel, Kernel};
 use opencl3::memory::{Buffer, CL_MEM_READ_WRITE};
-use opencl3::platform::Platform;
+use opencl3::platform::{Platform, get_platforms};
 use opencl3::program::Program;
 use opencl3::types::CL_BLOCKING;
 
@@ -18,6 +18,8 @@ use super::{Columns, Grid};
 const CHOSEN: &str = "ADAPTIVE_FMU_OPENCL";
 /// Runs at a time for each compute unit of a graphics card, and of another device.
 const RUNS_PER_UNIT: [usize; 2] = [256, 32];
+/// Runs are a multiple of this, which groups of all devices fit into; the kernel skips those that aren't there.
+const GROUP: usize = 64;
 /// Options of the compiler: what all versions know, without its warnings.
 const OPTIONS: &str = "-cl-std=CL1.2 -w";
 
@@ -51,8 +53,9 @@ impl Device {
     pub fn chosen(chosen: Option<&str>) -> Result<Self, String> {
         let kind = if chosen.is_some() { CL_DEVICE_TYPE_ALL } else { CL_DEVICE_TYPE_GPU };
         // Without a driver there is no library, or it knows no platform.
-        let all = get_all_devices(kind).unwrap_or_default();
-        let all: Vec<_> = all.into_iter().map(Handle::new).filter_map(Device::of).collect();
+        let platforms = get_platforms().unwrap_or_default();
+        let all = platforms.iter().flat_map(|platform| platform.get_devices(kind).unwrap_or_default());
+        let all: Vec<_> = all.map(Handle::new).filter_map(Device::of).collect();
         let names = || all.iter().map(|device| device.name.as_str()).collect::<Vec<_>>().join(", ");
         let missing = match chosen {
             Some(name) if all.is_empty() => {
@@ -183,7 +186,7 @@ impl Batch<'_> {
             call.set_arg(&grid.start_time).set_arg(&grid.step).set_arg(&grid.stop_time).set_arg(&substeps);
             call.set_arg(&self.reals).set_arg(&self.integers).set_arg(&self.status).set_arg(&self.change_at);
             call.set_arg(&self.changed_reals).set_arg(&self.changed_integers).set_arg(&self.recorded);
-            call.set_global_work_size(self.runs).enqueue_nd_range(queue).map_err(failed)?;
+            call.set_global_work_size(self.runs.next_multiple_of(GROUP)).enqueue_nd_range(queue).map_err(failed)?;
         }
         self.read(&self.recorded, recorded)
     }

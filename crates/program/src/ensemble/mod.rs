@@ -71,6 +71,7 @@ pub struct Runner {
     settings: Settings,
     /// Recorded signals without points.
     signals: Recording,
+    bytes_of_start: usize,
 }
 
 /// Recorded values of all runs at consecutive points.
@@ -105,6 +106,7 @@ impl Runner {
         settings: Settings,
     ) -> Result<Self, String> {
         let mut prepared = Prepared::new(loaded, settings)?;
+        samples.first().map_or(Ok(()), |(_, changes)| prepared.check(loaded, changes))?;
         let starts: Vec<Start> = samples.iter().filter_map(|(start, changes)| prepared.start(start, changes)).collect();
         let first = starts.first().ok_or("components refuse the first samples")?;
         prepared.settle(&starts);
@@ -120,7 +122,13 @@ impl Runner {
         let mut signals = loaded.signals();
         let measures = recorded.iter().map(|name| signals.measure(name).unwrap_or_default().to_owned()).collect();
         signals = Recording { names: recorded.to_vec(), measures, ..Recording::default() };
-        Ok(Runner { device, compiled, prepared, ensemble, settings, signals })
+        let bytes_of_start = (8 * first.block.reals.len() + 4 * first.block.integers.len()) * (1 + first.changes.len());
+        Ok(Runner { device, compiled, prepared, ensemble, settings, signals, bytes_of_start })
+    }
+
+    /// Memory for the values that a run starts with, bytes.
+    pub fn bytes_of_start(&self) -> usize {
+        self.bytes_of_start
     }
 
     /// Its device.

@@ -58,11 +58,24 @@ impl Prepared {
         let variables = &fmu.description.variables;
         let values = values.iter().map(|(place, value)| (variables[*place].reference, value.clone())).collect();
         let changes = loaded.changes().to_vec();
-        if let Some(change) = changes.iter().find(|change| variables[change.place.variable].causality == "input") {
-            return Err(format!("the input `{}` changes during a run", variables[change.place.variable].name));
-        }
         let references = variables.iter().map(|variable| variable.reference).collect();
         Ok(Prepared { model: Arc::new(model), settings, values, references, changes, settled: Settled::default() })
+    }
+
+    /// Refuses changes that a kernel takes otherwise than an FMU: of inputs, which an FMU may interpolate, and at the start, on which
+    /// initial states depend.
+    pub fn check(&self, loaded: &LoadedLoop, changes: &[Change]) -> Result<(), String> {
+        let variables = &loaded.units()[0].fmu.description.variables;
+        for change in self.changes.iter().chain(changes) {
+            let variable = &variables[change.place.variable];
+            if variable.causality == "input" {
+                return Err(format!("the input `{}` changes during a run", variable.name));
+            }
+            if self.step_of(change.at) == Some(0) {
+                return Err(format!("`{}` changes at the start", variable.name));
+            }
+        }
+        Ok(())
     }
 
     /// The model.

@@ -26,10 +26,16 @@ const MOST_AGAIN: u64 = 1000;
 /// The largest difference of a metric in parts of its limit: of the pilot, and of all runs.
 const PILOT_DIFFERENCE: f64 = 2e-4;
 const DIFFERENCE: f64 = 1e-3;
-/// Runs are near a limit within so many times the largest difference.
-const NEAR: f64 = 3.0;
+/// Runs within this part of a limit are near it: three times the largest difference that a study may have.
+const NEAR: f64 = 3.0 * DIFFERENCE;
+/// Memory for the runs that are made at a time, bytes; and of a step metric at each of so many points at most.
+const MEMORY: usize = 2 << 30;
+const BYTES_OF_POINT: usize = 96;
+const MOST_POINTS: usize = 1 << 16;
 /// Fewer seconds on the processor aren't worth a kernel.
 const WORTH_IT: f64 = 10.0;
+const INTERRUPTED: &str = "the study was interrupted";
+const ENDS_EARLY: &str = "with fixed steps, runs reach their end that don't with error control";
 /// The most fixed steps of a run.
 const MOST_STEPS: usize = 10_000_000;
 
@@ -70,6 +76,8 @@ pub(super) struct Accelerated {
     runner: Runner,
     /// Results of the first samples with error control.
     pilot: Vec<Outcome>,
+    /// Number of runs at a time.
+    runs: usize,
     state: Mutex<State>,
 }
 
@@ -82,6 +90,8 @@ struct State {
     /// Number of runs on the device, and of those that were made again.
     made: u64,
     again: u64,
+    /// Runs that were made again to show how accurate the others are.
+    checked: u64,
     /// True once longer fixed steps have proved too inaccurate: earlier results don't count.
     begins_anew: bool,
     /// Why the processor makes all further runs.
@@ -118,17 +128,22 @@ fn difference(limits: &Limits, step: f64, one: &Outcome, other: &Outcome) -> f64
     limits.of.iter().zip(&limits.places).map(of).fold(0.0, f64::max)
 }
 
-/// True if a run's metric is so near its limit that an error of this size matters, or has no value.
-fn is_near(limits: &Limits, step: f64, outcome: &Outcome, error: f64) -> bool {
+/// True if a run's metric is so near its limit that the error of fixed steps matters, or has no value.
+fn is_near(limits: &Limits, step: f64, outcome: &Outcome) -> bool {
     let Outcome::Ended(metrics) = outcome else { return true };
     limits.of.iter().zip(&limits.places).any(|(limit, &place)| {
-        let within = NEAR * error * scale(limit.value) + points(&limit.label, step);
+        let within = NEAR * scale(limit.value) + points(&limit.label, step);
         metrics[place].is_none_or(|value| (value - limit.value).abs() <= within)
     })
 }
 
 fn is_complete(outcome: &Outcome) -> bool {
     matches!(outcome, Outcome::Ended(_))
+}
+
+/// True for a run that is complete in fixed steps, but not with error control.
+fn ends_early((one, exact): (&Outcome, &Outcome)) -> bool {
+    is_complete(one) && !is_complete(exact)
 }
 
 fn too_many() -> String {
@@ -145,6 +160,11 @@ fn points(label: &str, step: f64) -> f64 {
 }
 
 impl Study {
+    /// Notes why the processor makes the runs, where a graphics card was asked for.
+    pub fn stay_on_processor(&mut self, backend: Backend, reason: &str) {
+        self.by_processor = (backend == Backend::Gpu).then(|| reason.to_owned());
+    }
+
     /// Looks for a device for the runs, and chooses its fixed steps by the first samples.
     ///
     /// # Errors
@@ -177,34 +197,48 @@ impl Study {
         runs: u64,
         is_interrupted: &(impl Fn() -> bool + Sync),
     ) -> Result<Accelerated, String> {
-        let loaded = self.loaded();
-        let of = |sample| {
-            let sample = self.sample(sample);
-            (sample.start, sample.changes)
-        };
-        let samples: Vec<_> = (0..8).map(of).collect();
-        let recorded = needed(self.structure(), &loaded.signals());
-        let runner = Runner::new(device, loaded, &recorded, &samples, self.settings())?;
         let (count, begun) = (PILOT.min(runs), Instant::now());
         let pilot = self.by_processor(0..count, is_interrupted);
         let pace = begun.elapsed().as_secs_f64() / count as f64;
+        if is_interrupted() {
+            return Err(INTERRUPTED.to_owned());
+        }
         if !pilot.iter().any(is_complete) {
             return Err("none of the first runs is complete".to_owned());
         }
         if backend == Backend::Auto && (runs - count) as f64 * pace < WORTH_IT {
             return Err(format!("it needs less than {WORTH_IT} s"));
         }
-        let accelerated = Accelerated { runner, pilot, state: Mutex::default() };
+        let of = |sample| {
+            let sample = self.sample(sample);
+            (sample.start, sample.changes)
+        };
+        let samples: Vec<_> = (0..8).map(of).collect();
+        let recorded = needed(self.structure(), &self.loaded().signals());
+        let runner = Runner::new(device, self.loaded(), &recorded, &samples, self.settings())?;
+        let runs = runner.device().runs.min(MEMORY / self.memory_of_run(&pilot, &runner)).max(1);
+        let accelerated = Accelerated { runner, pilot, runs, state: Mutex::default() };
         let begun = Instant::now();
         let (substeps, largest) = accelerated.chosen(self, is_interrupted)?;
         let device = accelerated.runner.device();
         // A card takes as long for all that it has room for. The last choice took half of the time.
-        let at_a_time = if device.is_gpu { device.runs as f64 } else { count as f64 };
+        let at_a_time = if device.is_gpu { runs as f64 } else { count as f64 };
         if backend == Backend::Auto && 0.5 * begun.elapsed().as_secs_f64() / at_a_time >= pace {
             return Err(format!("{} is slower than the processor", device.name));
         }
         *accelerated.state() = State { substeps, largest, ..State::default() };
         Ok(accelerated)
+    }
+
+    /// Memory that a run takes on the processor at most, bytes: its values, and the points of outputs that follow steps.
+    fn memory_of_run(&self, pilot: &[Outcome], runner: &Runner) -> usize {
+        let of_loop = self.structure().metrics.len();
+        let has_steps = |outcome: &Outcome| match outcome {
+            Outcome::Ended(metrics) => metrics.iter().skip(of_loop).any(Option::is_some),
+            _ => false,
+        };
+        let points = if pilot.iter().any(has_steps) { self.settings().steps().min(MOST_POINTS) } else { 0 };
+        BYTES_OF_POINT * points * (self.labels().len() - of_loop.min(self.labels().len())) + runner.bytes_of_start() + 1
     }
 
     /// Outcomes of samples with error control.
@@ -222,12 +256,18 @@ impl Accelerated {
     fn chosen(&self, study: &Study, is_interrupted: &(impl Fn() -> bool + Sync)) -> Result<(usize, f64), String> {
         let (step, limits, count) = (study.settings().step, study.limits(), self.pilot.len() as u64);
         let (steps, mut substeps) = (study.settings().steps().max(1), 1);
-        while steps.saturating_mul(substeps) <= MOST_STEPS && !is_interrupted() {
+        while steps.saturating_mul(substeps) <= MOST_STEPS {
             let found = self.outcomes(study, 0..count, substeps, is_interrupted)?;
+            if is_interrupted() {
+                return Err(INTERRUPTED.to_owned());
+            }
+            if found.iter().zip(&self.pilot).any(ends_early) {
+                return Err(ENDS_EARLY.to_owned());
+            }
             let pairs = found.iter().zip(&self.pilot).filter(|(_, exact)| is_complete(exact));
             let largest = pairs.map(|(one, exact)| difference(limits, step, one, exact)).fold(0.0, f64::max);
             if largest <= PILOT_DIFFERENCE {
-                let near = found.iter().filter(|outcome| is_near(limits, step, outcome, largest)).count();
+                let near = found.iter().filter(|outcome| is_near(limits, step, outcome)).count();
                 if 2 * near > found.len() {
                     return Err(format!("{near} of {count} runs are so near a limit that they need error control"));
                 }
@@ -238,9 +278,14 @@ impl Accelerated {
         Err(too_many())
     }
 
-    /// Number of samples at a time.
+    /// Number of samples at a time; 0 once the processor makes them.
     pub fn at_a_time(&self) -> u64 {
-        self.runner.device().runs as u64
+        if self.state().failure.is_some() { 0 } else { self.runs as u64 }
+    }
+
+    /// Name of the device.
+    pub fn name(&self) -> &str {
+        &self.runner.device().name
     }
 
     /// True once after the fixed steps were halved: the study begins anew.
@@ -302,7 +347,7 @@ impl Accelerated {
         count: u64,
         is_interrupted: &(impl Fn() -> bool + Sync),
     ) -> Option<Vec<Outcome>> {
-        let State { substeps, failure, largest, .. } = self.state().clone();
+        let State { substeps, failure, checked, .. } = self.state().clone();
         if failure.is_some() {
             return None;
         }
@@ -317,10 +362,9 @@ impl Accelerated {
             }
         };
         let step = study.settings().step;
-        let is_sampled = |sample: u64| sample.is_multiple_of(AGAIN) && sample / AGAIN < MOST_AGAIN;
-        let is_again = |(k, outcome): &(usize, &Outcome)| {
-            is_sampled(from + *k as u64) || is_near(study.limits(), step, outcome, largest)
-        };
+        let is_sampled = |sample: u64| sample.is_multiple_of(AGAIN) && checked < MOST_AGAIN;
+        let is_again =
+            |(k, outcome): &(usize, &Outcome)| is_sampled(from + *k as u64) || is_near(study.limits(), step, outcome);
         let again: Vec<usize> = further.iter().enumerate().filter(is_again).map(|(k, _)| k).collect();
         let exact = study.each_of(&again.iter().map(|k| from + *k as u64).collect::<Vec<_>>(), is_interrupted);
         let interrupted = exact.len() < again.len();
@@ -334,12 +378,18 @@ impl Accelerated {
 
     /// Takes what runs that were made again show of the others.
     fn learn(&self, study: &Study, (made, again, exact): (&[Outcome], &[usize], &[Outcome]), substeps: usize) {
-        let pairs = again.iter().map(|k| &made[*k]).zip(exact);
-        let complete = pairs.filter(|pair| matches!(pair, (Outcome::Ended(_), Outcome::Ended(_))));
+        let pairs = || again.iter().map(|k| &made[*k]).zip(exact);
+        if pairs().any(ends_early) {
+            let failure = Some(ENDS_EARLY.to_owned());
+            *self.state() = State { begins_anew: true, failure, ..State::default() };
+            return;
+        }
+        let complete = pairs().filter(|(one, exact)| is_complete(one) && is_complete(exact));
         let differences = complete.map(|(one, exact)| difference(study.limits(), study.settings().step, one, exact));
         let mut state = self.state();
         state.made += made.len() as u64;
         state.again += again.len() as u64;
+        state.checked += made.len() as u64 / AGAIN;
         state.largest = differences.fold(state.largest, f64::max);
         if state.largest > DIFFERENCE {
             let steps = study.settings().steps().saturating_mul(2 * substeps);
@@ -353,6 +403,9 @@ impl Accelerated {
         let State { substeps, largest, made, again, failure, .. } = self.state().clone();
         let name = &self.runner.device().name;
         if let Some(reason) = failure {
+            if made == 0 {
+                return format!("The processor made all runs: {reason}.");
+            }
             return format!("Runs on {name} ended, and the processor made the others: {reason}.");
         }
         format!(
@@ -402,10 +455,10 @@ mod tests {
 
     #[test]
     fn runs_near_a_limit_or_without_a_value_need_error_control() {
-        let near = |metrics| is_near(&limits(), STEP, &ended(metrics), 2e-3);
-        // 3 times 2e-3 of 2, on both sides.
-        assert!(near([1.989, 0.3]) && near([2.011, 0.3]) && !near([1.987, 0.3]) && !near([2.013, 0.3]));
-        assert!(near([1.0, 0.4965]) && !near([1.0, 0.49]) && near([1.0, f64::NAN]));
-        assert!(is_near(&limits(), STEP, &Outcome::NotEnded(String::new()), 0.0));
+        let near = |metrics| is_near(&limits(), STEP, &ended(metrics));
+        // 3e-3 of 2, on both sides.
+        assert!(near([1.995, 0.3]) && near([2.005, 0.3]) && !near([1.993, 0.3]) && !near([2.007, 0.3]));
+        assert!(near([1.0, 0.498]) && !near([1.0, 0.49]) && near([1.0, f64::NAN]));
+        assert!(is_near(&limits(), STEP, &Outcome::NotEnded(String::new())));
     }
 }

@@ -154,6 +154,11 @@ impl Study {
         });
     }
 
+    /// The device of its runs; none if the processor makes them.
+    pub fn device(&self) -> Option<&str> {
+        self.accelerated.as_ref().map(Accelerated::name)
+    }
+
     /// Start values and changes of a sample.
     pub(super) fn sample(&self, sample: u64) -> Sample {
         self.varied.sample(&self.values(sample), self.noise(sample))
@@ -324,7 +329,9 @@ impl Study {
             if self.accelerated.as_ref().is_some_and(Accelerated::begins_anew) {
                 (tally, counted) = (Tally::default(), 0);
                 outcomes.clear();
-                continue;
+                if !interrupted {
+                    continue;
+                }
             }
             if interrupted {
                 outcomes[counted..].iter().for_each(|outcome| tally.add(outcome, &self.limits));

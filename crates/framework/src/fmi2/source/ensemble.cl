@@ -5,10 +5,12 @@
 #define MOST_EVENTS 1000
 /* A time event belongs to the end of a step if it lies at most this part of the step behind it. */
 #define EVENT_SLACK 1e-6
+/* States beyond it have diverged. */
+#define MOST_STATE 1e12
 
 /* Why a run isn't complete. */
 #define REFUSED 1
-#define NOT_FINITE 2
+#define DIVERGED 2
 #define TOO_MANY_EVENTS 3
 
 /* Signs of the event indicators at an evaluated point; one at zero stays on its side. True if any has changed sides. */
@@ -50,7 +52,7 @@ static int handle_events(real t, real slack, int any_crossed, real *v, int *n, i
 }
 
 /* A Runge-Kutta step of length h. */
-static void step_states(real t, real end, real h, real *v, const int *n)
+static void step_states(real t, real h, real *v, const int *n)
 {
 #if UNIT_STATES > 0
     real from[UNIT_STATES];
@@ -77,7 +79,6 @@ static void step_states(real t, real end, real h, real *v, const int *n)
         v[FIRST_STATE + i] = from[i] + h / 6.0 * sum[i];
     }
 #endif
-    (void)end;
 }
 
 /* One communication step. */
@@ -91,7 +92,12 @@ static int communication_step(real t0, real t1, int substeps, real *v, int *n, i
     real t = t0;
     for (int k = 1; status == 0 && k <= substeps; k++) {
         const real end = k == substeps ? t1 : t0 + (t1 - t0) * k / substeps;
-        step_states(t, end, h, v, n);
+        step_states(t, h, v, n);
+        for (int i = 0; i < UNIT_STATES; i++) {
+            if (!(fabs(v[FIRST_STATE + i]) <= MOST_STATE)) {
+                return DIVERGED;
+            }
+        }
         if (UNIT_INDICATORS > 0 || k == substeps) {
             unit_evaluate(end, v, n);
         }
@@ -104,11 +110,7 @@ static int communication_step(real t0, real t1, int substeps, real *v, int *n, i
     }
     unit_check(t1, v, n, log);
     unit_step_completed(t1, t1 - t0, v, n, log);
-    int finite = 1;
-    for (int i = 0; i < UNIT_STATES; i++) {
-        finite &= isfinite(v[FIRST_STATE + i]);
-    }
-    return log->refused ? REFUSED : finite ? 0 : NOT_FINITE;
+    return log->refused ? REFUSED : 0;
 }
 
 /* Takes `steps` communication steps of each run from number `first` on. Values that a run continues with are columns of `reals` and
