@@ -38,7 +38,7 @@ const CHECKS: &str = "\
 
 ";
 
-/// Compilers that copy functions into others are told which ones to keep whole: flash memory counts.
+/// Compilers that copy functions into others keep these whole by it: flash memory counts.
 const ONCE: &str = "\
 #if defined(__GNUC__)
 #define ONCE __attribute__((noinline))

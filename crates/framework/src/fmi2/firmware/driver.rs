@@ -152,7 +152,7 @@ impl Driver {
         self.parameters(law, writes).into_iter().map(|(text, _)| text).collect::<Vec<_>>().join(", ")
     }
 
-    /// The same in a call, with these pointers. Rates alone need no signals.
+    /// The same in a call, with these pointers. Only rates need no signals.
     pub fn called(&self, law: &Law, writes: Writes, x: &str, t: &str) -> String {
         let of = |name: &'static str| match name {
             "x" => x,

@@ -120,7 +120,7 @@ impl Function<'_> {
         lines.iter().for_each(|line| self.line(line));
     }
 
-    /// A number, not by its name where it is a result of a loop: others are beside it.
+    /// A number, not by its name where it is a result of a loop: others have names of their own.
     fn unnamed(&self, node: Node, scope: &Scope) -> Expression {
         match scope.operations[node.index()] {
             Operation::Part(from, number) => self.part(from, number, scope),
