@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use super::equations::{Head, Target, function};
+use super::equations::{Head, function, of_events};
 use super::{RUNTIME, Unit};
 use crate::error::Invalid;
 use crate::execution::Settled;
@@ -286,21 +286,7 @@ impl Methods {
         for ((_, head), recording) in CHANGING.iter().zip(&self.changing) {
             text += &function(unit, head, &recording.tape, &unit.changed(recording, &ANY), recording.tape.notes());
         }
-        let next = &self.next_time_event;
-        let targets: Vec<_> = next.results.iter().map(|node| Target::result("return".to_owned(), *node)).collect();
-        let of_next =
-            head("The time of the next time event.", "static real unit_next_time_event(const real *v, const int *n)");
-        text += &function(unit, &of_next, &next.tape, &targets, &[]);
-        if unit.model.variables().indicators().is_empty() {
-            return text;
-        }
-        let results = self.indicators.results.iter().enumerate();
-        let targets: Vec<_> = results.map(|(k, node)| Target::result(format!("z[{k}] ="), *node)).collect();
-        let of_indicators = head(
-            "The event indicators.",
-            "static void unit_event_indicators(real t, const real *v, const int *n, real *z)",
-        );
-        text + &function(unit, &of_indicators, &self.indicators.tape, &targets, &[])
+        text + &of_events(unit, &self.next_time_event, &self.indicators)
     }
 }
 

@@ -8,7 +8,7 @@ use super::expression::{Expression, Kind};
 use super::function::{Function, framed};
 use super::message::{MessageFormat, quoted};
 use super::names::Names;
-use crate::recording::{Leaf, Method, Node, Note, Operation, Tape};
+use crate::recording::{Leaf, Method, Node, Note, Operation, Recording, Tape};
 use crate::system::Section;
 
 /// A C function: what it does, and its declaration.
@@ -122,23 +122,26 @@ pub(super) fn write(unit: &Unit) -> String {
         let sections = if *method == Method::Start { &STARTED[..] } else { &ANY };
         text += &function(unit, head, &recording.tape, &unit.changed(&recording, sections), recording.tape.notes());
     }
-    let next = unit.record(Method::NextTimeEvent);
+    text + &of_events(unit, &unit.record(Method::NextTimeEvent), &unit.record(Method::Indicators))
+}
+
+/// The functions by which events are found: the next time event, and the indicators if there are some.
+pub(super) fn of_events(unit: &Unit, next: &Recording, indicators: &Recording) -> String {
     let targets: Vec<_> = next.results.iter().map(|node| Target::result("return".to_owned(), *node)).collect();
-    let of_next = head(
-        "The time of the next event that is known in advance.",
-        "static real unit_next_time_event(const real *v, const int *n)",
-    );
-    text += &function(unit, &of_next, &next.tape, &targets, &[]);
+    let of_next = Head {
+        what: "The time of the next event that is known in advance.",
+        declaration: "static real unit_next_time_event(const real *v, const int *n)",
+    };
+    let text = function(unit, &of_next, &next.tape, &targets, &[]);
     if unit.model.variables().indicators().is_empty() {
         return text;
     }
-    let indicators = unit.record(Method::Indicators);
     let results = indicators.results.iter().enumerate();
     let targets: Vec<_> = results.map(|(k, node)| Target::result(format!("z[{k}] ="), *node)).collect();
-    let of_indicators = head(
-        "The event indicators: a change of sign is an event.",
-        "static void unit_event_indicators(real t, const real *v, const int *n, real *z)",
-    );
+    let of_indicators = Head {
+        what: "The event indicators: a change of sign is an event.",
+        declaration: "static void unit_event_indicators(real t, const real *v, const int *n, real *z)",
+    };
     text + &function(unit, &of_indicators, &indicators.tape, &targets, &[])
 }
 
