@@ -8,8 +8,13 @@ use adaptive_fmu::structure::{LoopFiles, Settings, Whole};
 use common::loops::loop_names;
 use common::sample::sampled;
 
-/// Fixed steps in a communication step, communication steps, and the largest difference in parts of a signal's magnitude.
-const SUBSTEPS: usize = 4;
+/// Fixed steps in a communication step; of a loop whose estimates oscillate at the limit of stability with so few, where rounding
+/// decides, twice as many.
+fn substeps(name: &str) -> usize {
+    if name == "3.3.2-case2" { 8 } else { 4 }
+}
+
+/// Communication steps, and the largest difference in parts of a signal's magnitude.
 const STEPS: f64 = 200.0;
 const DIFFERENCE: f64 = 1e-9;
 
@@ -32,14 +37,14 @@ impl Case {
     }
 
     /// The FMU with fixed steps from these values; none where it doesn't reach its end.
-    fn by_fmu(&self, values: &[(Place, Value)]) -> Option<Recording> {
+    fn by_fmu(&self, values: &[(Place, Value)], substeps: usize) -> Option<Recording> {
         let integer = |name: &str, value: usize| {
             let (place, _) = self.loaded.variable(name).unwrap();
             (place, Value::Integer(value as i32))
         };
         let (_, method) = self.loaded.variable("integration_method").unwrap();
         let fixed = method.items.iter().find(|(name, _)| name == "fixed").unwrap().1;
-        let further = [integer("integration_method", fixed as usize), integer("fixed_steps", SUBSTEPS)];
+        let further = [integer("integration_method", fixed as usize), integer("fixed_steps", substeps)];
         let closed = self.loaded.instantiate_with(&[values, &further].concat()).ok()?;
         closed.run(self.settings, |_| true).ok()
     }
@@ -92,7 +97,7 @@ fn runs_on_a_device_are_those_of_the_fmu_with_fixed_steps() {
         let starts: Vec<_> = samples.iter().filter_map(|values| runner.start(values, &[])).collect();
         assert_eq!(starts.len(), samples.len(), "{name}");
         let mut found = vec![Recording { names, ..Recording::default() }; samples.len()];
-        let complete = runner.run(&starts, SUBSTEPS, |rows| {
+        let complete = runner.run(&starts, substeps(&name), |rows| {
             for (run, found) in found.iter_mut().enumerate() {
                 let points = rows.of(run);
                 found.times.extend(&points.times);
@@ -103,8 +108,8 @@ fn runs_on_a_device_are_those_of_the_fmu_with_fixed_steps() {
         });
         let complete = complete.unwrap().unwrap();
         for ((values, found), complete) in samples.iter().zip(&found).zip(complete) {
-            let Some(expected) = case.by_fmu(values) else {
-                println!("{name}: not for {SUBSTEPS} fixed steps ({complete})");
+            let Some(expected) = case.by_fmu(values, substeps(&name)) else {
+                println!("{name}: not for {} fixed steps ({complete})", substeps(&name));
                 assert!(!complete, "{name}");
                 continue;
             };

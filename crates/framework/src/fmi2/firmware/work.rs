@@ -151,9 +151,9 @@ fn of_operation(operation: &Operation) -> Work {
         | Operation::And(..)
         | Operation::Or(..)
         | Operation::Select(..) => simple(1),
-        // A loop over lanes, each of which is counted, compared and addressed.
+        // A loop over lanes, each of which is counted, compared, and addressed to read and to write.
         Operation::Iterate { body, most, start, .. } if start.is_empty() => {
-            (of_nodes(&body.operations, body.next.iter().copied()) + simple(3)) * *most as u64
+            (of_nodes(&body.operations, body.next.iter().copied()) + simple(4)) * *most as u64
         }
         Operation::Iterate { body, most, .. } => {
             body.operations.iter().fold(Work::default(), |sum, one| sum + of_operation(one)) * *most as u64
