@@ -135,6 +135,14 @@ def test_a_loop_run_as_a_composite_takes_start_values_and_a_step_to_look_at(tmp_
     assert short_run(tmp_path / "start", LOOPS[0], "--set", "plant.x0[1]=0.25")["plant.x[1]"][0] == 0.25
 
 
+def test_the_single_unit_takes_values_of_its_own_parameters(tmp_path: Path) -> None:
+    """Whole numbers are no Reals."""
+    values = ["fixed_steps=16", "integration_method=fixed", "relative_tolerance=1e-4", "work_limit=1000000000"]
+    arguments = [word for value in values for word in ("--set", value)]
+    answer = adaptive_fmu("run", LOOPS[0], "--composite", "--until", "0.1", *arguments, "--out", tmp_path)
+    assert answer.returncode == 0, answer.stderr
+
+
 def test_what_does_not_go_with_one_unit_is_refused_or_reported(fmu_folder: Path, tmp_path: Path) -> None:
     for wrong in (["--order", "jacobi"], ["--fmus", fmu_folder]):
         assert adaptive_fmu("run", LOOPS[0], "--composite", *wrong, "--out", tmp_path).returncode == 2

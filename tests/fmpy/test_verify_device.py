@@ -25,7 +25,7 @@ STUDIES = {
     ),
     "noise": ("3.3.1-case2-bench", ["plant.m1=±10%"], "max", ["--until", "0.2"]),
     "limits": ("3.3.2-case1-rotors", ["plant.g=±5%"], "max", ["--until", "1"]),
-    "a fuzzy law": ("4-case1-fuzzy", ["plant.omega=±20%"], "max", ["--until", "0.1"]),
+    "a fuzzy law": ("4-case1-fuzzy", ["plant.C[1,1]=±20%"], "max", ["--until", "0.1"]),
 }
 
 
@@ -40,7 +40,7 @@ def answer(*words: object, device: str | None = POCL) -> subprocess.CompletedPro
 def device(tmp_path_factory: pytest.TempPathFactory) -> str:
     options = ["--vary", "plant.omega=±1%", "--require", "max |u| <= 9", "--runs", 1, "--until", 0.01, "--backend", "gpu"]
     tried = answer("verify", "3.2.1-cosine", *options, "--out", tmp_path_factory.mktemp("device"))
-    if "there is no device of OpenCL" in tried.stderr:
+    if "no driver has a device of OpenCL" in tried.stderr:
         pytest.skip("pocl isn't installed")
     assert tried.returncode == 0, tried.stderr
     return POCL
@@ -60,7 +60,8 @@ def samples(result: dict) -> list[dict[str, str]]:
 @pytest.mark.parametrize("name", list(STUDIES) if ALL else [list(STUDIES)[NUMBER % len(STUDIES)]])
 def test_both_find_the_same_failures_and_metrics(device: str, name: str, tmp_path: Path) -> None:
     loop, vary, label, options = STUDIES[name]
-    label, value = next((known, value) for known, value in metrics(loop, options, tmp_path).items() if known.startswith(label))
+    known = metrics(loop, options, tmp_path).items()
+    label, value = next((name, value) for name, value in known if name.startswith(label) and value)
     wanted = [word for text in vary for word in ("--vary", text)] + ["--require", f"{label} <= {1.01 * value}"]
     found = {}
     for backend in ("cpu", "gpu"):
@@ -81,7 +82,7 @@ def test_both_find_the_same_failures_and_metrics(device: str, name: str, tmp_pat
 def test_what_is_not_for_fixed_steps_is_made_by_the_processor_and_the_reason_is_given(device: str, tmp_path: Path) -> None:
     options = ["--vary", "plant.omega=±30%", "--until", "0.1", "--runs", "20", "--backend", "gpu", "--out", tmp_path]
     made = answer("verify", "3.2.1-cosine", *options, "--require", "max |u| <= 9", "--separate")
-    assert made.returncode == 0 and "The processor made all runs: the loop is not one continuous system." in made.stdout, made
+    assert made.returncode == 0 and "No graphics card was used: the loop is not one continuous system." in made.stdout, made
     # A count has no distance to its limit.
     options = ["--vary", "plant.x0[1]=0.1..0.2", "--until", "0.01", "--runs", "20", "--backend", "gpu", "--out", tmp_path]
     made = answer("verify", "6.5.1-mrac", *options, "--require", "funnel")

@@ -71,7 +71,7 @@ pub struct Arguments {
     /// Seed of the random numbers; the same seed gives the same samples on any number of threads
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where runs are made: auto, cpu or gpu.
+    /// Use a graphics card for the runs: auto, cpu or gpu.
     ///
     /// A graphics card with OpenCL and double precision takes many runs at a time in fixed steps. Runs near a limit, and
     /// a share of the others, are made again on the processor, whose results count. auto uses it where it is faster.
@@ -163,9 +163,9 @@ impl Task {
         let mut study = Study::new(structure.clone(), settings, &asked, threads, load)?;
         // A subset simulation's batches are small, and depend on each other.
         if arguments.rare {
-            study.stay_on_processor(arguments.backend, "--rare has small batches");
+            study.stay_on_processor(arguments.backend, "batches of --rare are small, one after the other");
         } else if employed().is_some() || arguments.job.is_some() {
-            study.stay_on_processor(arguments.backend, "workers make them");
+            study.stay_on_processor(arguments.backend, "the runs went to workers");
         } else {
             study.accelerate(arguments.backend, plan.runs(), &progress::is_interrupted).map_err(wrong)?;
         }

@@ -59,13 +59,13 @@ impl Device {
         let names = || all.iter().map(|device| device.name.as_str()).collect::<Vec<_>>().join(", ");
         let missing = match chosen {
             Some(name) if all.is_empty() => {
-                format!("{CHOSEN}={name}: there is no device of OpenCL with double precision. Install its driver")
+                format!("{CHOSEN}={name}: no driver has a device of OpenCL with double precision. Install the driver of the device")
             }
             Some(name) => {
                 format!("{CHOSEN}={name}: no device of OpenCL with double precision is called so. There is {}", names())
             }
             None => {
-                "there is no graphics card with OpenCL and double precision. Install its driver, or use --backend cpu"
+                "there is no graphics card with OpenCL and double precision. Install the driver of your card, or use --backend cpu"
                     .to_owned()
             }
         };

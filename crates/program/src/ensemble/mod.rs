@@ -69,26 +69,28 @@ pub struct Runner {
     prepared: Prepared,
     ensemble: Ensemble,
     settings: Settings,
-    /// Recorded signals without points.
-    signals: Recording,
+    /// Number of recorded signals.
+    width: usize,
     bytes_of_start: usize,
 }
 
 /// Recorded values of all runs at consecutive points.
 #[derive(Debug)]
 pub struct Rows<'a> {
-    signals: &'a Recording,
+    width: usize,
     times: &'a [f64],
     runs: usize,
     values: &'a [f64],
 }
 
 impl Rows<'_> {
-    /// The points of a run.
-    pub fn of(&self, run: usize) -> Recording {
-        let (width, rows) = (self.signals.names.len(), self.times.len());
-        let column = |k: usize| (0..rows).map(|row| self.values[(row * width + k) * self.runs + run]).collect();
-        Recording { times: self.times.to_vec(), columns: (0..width).map(column).collect(), ..self.signals.clone() }
+    /// Adds the points of a run to its recording, in which further columns may come behind those of the signals.
+    pub fn add_to(&self, points: &mut Recording, run: usize) {
+        let (width, rows) = (self.width, self.times.len());
+        points.times.extend_from_slice(self.times);
+        for (k, column) in points.columns.iter_mut().take(width).enumerate() {
+            column.extend((0..rows).map(|row| self.values[(row * width + k) * self.runs + run]));
+        }
     }
 }
 
@@ -119,11 +121,8 @@ impl Runner {
         };
         let ensemble = Ensemble::of(prepared.model(), &request).map_err(|error| error.to_string())?;
         let compiled = Mutex::new(Compiled::new(&device, &ensemble.text, KERNEL)?);
-        let mut signals = loaded.signals();
-        let measures = recorded.iter().map(|name| signals.measure(name).unwrap_or_default().to_owned()).collect();
-        signals = Recording { names: recorded.to_vec(), measures, ..Recording::default() };
         let bytes_of_start = (8 * first.block.reals.len() + 4 * first.block.integers.len()) * (1 + first.changes.len());
-        Ok(Runner { device, compiled, prepared, ensemble, settings, signals, bytes_of_start })
+        Ok(Runner { device, compiled, prepared, ensemble, settings, width: recorded.len(), bytes_of_start })
     }
 
     /// Memory for the values that a run starts with, bytes.
@@ -154,13 +153,13 @@ impl Runner {
     ) -> Result<Option<Vec<bool>>, String> {
         let Settings { start_time, stop_time, step } = self.settings;
         let grid = Grid { steps: self.settings.steps(), start_time, step, stop_time, substeps };
-        let (runs, width) = (starts.len(), self.signals.names.len());
+        let (runs, width) = (starts.len(), self.width);
         let most = (RECORDED / (8 * runs * width.max(1))).clamp(1, grid.steps.max(1));
         let (start, change_at, changed) = self.columns(starts);
         let compiled = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);
         let batch = compiled.batch(runs, &start, (&change_at, &changed), most * runs * width)?;
         let points: Vec<f64> = self.settings.points().map(|(_, next)| next).collect();
-        let mut hand_out = |times: &[f64], values: &[f64]| take(&Rows { signals: &self.signals, times, runs, values });
+        let mut hand_out = |times: &[f64], values: &[f64]| take(&Rows { width, times, runs, values });
         let [mut values, mut further] = [(); 2].map(|()| vec![0.0; most * runs * width]);
         batch.advance(0, 0, &grid, &mut values[..runs * width])?;
         let (mut times, mut first, mut rows) = (&[start_time][..], 0, 1);

@@ -9,11 +9,8 @@ use crate::fmi2::source::ensemble::Slot;
 use crate::fmu::Value;
 use crate::library::REGISTRY;
 use crate::model::{Block, Description, Model};
-use crate::simulation::{Change, LoadedLoop, LoadedUnit, Place};
+use crate::simulation::{Change, LoadedLoop, LoadedUnit, Place, ROUNDING};
 use crate::structure::Settings;
-
-/// Part of a communication step by which a change may be late.
-const ROUNDING: f64 = 1e-6;
 
 /// A model whose runs are prepared.
 #[derive(Debug)]

@@ -11,7 +11,7 @@ use crate::report::number;
 use crate::structure::{Order, Settings};
 
 /// Part of a communication step by which a change may be late: times of points are rounded.
-pub(super) const ROUNDING: f64 = 1e-6;
+pub(crate) const ROUNDING: f64 = 1e-6;
 /// The most exchanges at one communication point.
 const EVENT_ITERATIONS: usize = 100;
 /// The most messages of a component in a recording; further ones are counted, and the last is recorded.

@@ -11,6 +11,7 @@ mod replay;
 mod settling;
 
 pub use alone::{Alone, AloneEvent};
+pub(crate) use closed_loop::ROUNDING;
 pub use closed_loop::{Change, ClosedLoop, Place};
 pub use inputs::{Inputs, Read, conversion, values_of};
 pub use loaded::LoadedLoop;

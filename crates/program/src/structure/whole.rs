@@ -163,7 +163,8 @@ fn own_start(structure: &Structure) -> Result<Table, Error> {
                 origin.refuse(&format!("`{name}` must be UNIT.variable, or a parameter of the single FMU: {known}"))
             );
         }
-        Ok((name.clone(), text.parse().map_or_else(|_| Value::String(text.clone()), Value::Float)))
+        let number = text.parse().map(Value::Integer).or_else(|_| text.parse().map(Value::Float));
+        Ok((name.clone(), number.unwrap_or_else(|_| Value::String(text.clone()))))
     };
     structure.whole.iter().map(entry).collect()
 }

@@ -1,17 +1,18 @@
-//! Runs on a graphics card. It takes fixed steps, so a part of the runs is made again with error control on the processor, whose
-//! results count: every run that isn't complete, every run near a limit, and a share of all, which show how accurate the others
-//! are.
+//! Runs on a graphics card. It takes fixed steps, so each run is made with two lengths of them, and a part of the runs again with
+//! error control on the processor, whose results count: every run that isn't complete or whose metrics depend on the length, every
+//! run near a limit, and a share of all, which show how accurate the others are.
 
-use std::fmt;
-use std::str::FromStr;
+use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use serde_json::{Value, json};
 
+use super::backend::Backend;
 use super::outcome::{Limits, Outcome};
 use super::study::{Batch, Study};
-use crate::ensemble::{Device, Runner};
+use super::summary::thousands;
+use crate::ensemble::{Device, Runner, Start};
 use crate::parallel;
 use crate::report::number;
 use crate::results::Meter;
@@ -23,7 +24,8 @@ const PILOT: u64 = 100;
 /// Further on, one of so many runs is made again, and so many of them at most.
 const AGAIN: u64 = 100;
 const MOST_AGAIN: u64 = 1000;
-/// The largest difference of a metric in parts of its limit: of the pilot, and of all runs.
+/// The largest difference of a metric in parts of its limit: in the pilot and from one length of steps to its half, and of all runs
+/// with error control.
 const PILOT_DIFFERENCE: f64 = 2e-4;
 const DIFFERENCE: f64 = 1e-3;
 /// Runs within this part of a limit are near it: three times the largest difference that a study may have.
@@ -39,43 +41,14 @@ const ENDS_EARLY: &str = "with fixed steps, runs reach their end that don't with
 /// The most fixed steps of a run.
 const MOST_STEPS: usize = 10_000_000;
 
-/// Place where runs are made.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Backend {
-    /// The graphics card, where there is one that is faster.
-    #[default]
-    Auto,
-    /// The processor.
-    Cpu,
-    /// The graphics card.
-    Gpu,
-}
-
-impl fmt::Display for Backend {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Backend::Auto => "auto",
-            Backend::Cpu => "cpu",
-            Backend::Gpu => "gpu",
-        })
-    }
-}
-
-impl FromStr for Backend {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let all = [Backend::Auto, Backend::Cpu, Backend::Gpu];
-        all.into_iter().find(|it| it.to_string() == text).ok_or_else(|| "must be auto, cpu or gpu".to_owned())
-    }
-}
-
 /// A study's runs on a device.
 #[derive(Debug)]
 pub(super) struct Accelerated {
     runner: Runner,
     /// Results of the first samples with error control.
     pilot: Vec<Outcome>,
+    /// Names of the signals that metrics need.
+    recorded: Vec<String>,
     /// Number of runs at a time.
     runs: usize,
     state: Mutex<State>,
@@ -96,6 +69,14 @@ struct State {
     begins_anew: bool,
     /// Why the processor makes all further runs.
     failure: Option<String>,
+}
+
+/// Samples that are prepared for the device.
+struct Begun {
+    count: usize,
+    /// Those that the device can take, and their starts.
+    places: Vec<usize>,
+    starts: Vec<Start>,
 }
 
 /// The names of the signals without which the metrics are others.
@@ -144,6 +125,11 @@ fn is_complete(outcome: &Outcome) -> bool {
 /// True for a run that is complete in fixed steps, but not with error control.
 fn ends_early((one, exact): (&Outcome, &Outcome)) -> bool {
     is_complete(one) && !is_complete(exact)
+}
+
+/// Text on a study whose runs the processor makes.
+pub(super) fn not_used(reason: &str) -> String {
+    format!("No graphics card was used: {reason}.")
 }
 
 fn too_many() -> String {
@@ -207,7 +193,7 @@ impl Study {
             return Err("none of the first runs is complete".to_owned());
         }
         if backend == Backend::Auto && (runs - count) as f64 * pace < WORTH_IT {
-            return Err(format!("it needs less than {WORTH_IT} s"));
+            return Err(format!("the study takes less than {WORTH_IT} s without one"));
         }
         let of = |sample| {
             let sample = self.sample(sample);
@@ -217,7 +203,7 @@ impl Study {
         let recorded = needed(self.structure(), &self.loaded().signals());
         let runner = Runner::new(device, self.loaded(), &recorded, &samples, self.settings())?;
         let runs = runner.device().runs.min(MEMORY / self.memory_of_run(&pilot, &runner)).max(1);
-        let accelerated = Accelerated { runner, pilot, runs, state: Mutex::default() };
+        let accelerated = Accelerated { runner, pilot, recorded, runs, state: Mutex::default() };
         let begun = Instant::now();
         let (substeps, largest) = accelerated.chosen(self, is_interrupted)?;
         let device = accelerated.runner.device();
@@ -242,7 +228,7 @@ impl Study {
     }
 
     /// Outcomes of samples with error control.
-    fn by_processor(&self, samples: std::ops::Range<u64>, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
+    fn by_processor(&self, samples: Range<u64>, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
         self.one_by_one(&Batch::Plain { first: samples.start, count: samples.end - samples.start }, is_interrupted)
     }
 }
@@ -256,8 +242,9 @@ impl Accelerated {
     fn chosen(&self, study: &Study, is_interrupted: &(impl Fn() -> bool + Sync)) -> Result<(usize, f64), String> {
         let (step, limits, count) = (study.settings().step, study.limits(), self.pilot.len() as u64);
         let (steps, mut substeps) = (study.settings().steps().max(1), 1);
+        let begun = self.begun(study, 0..count);
         while steps.saturating_mul(substeps) <= MOST_STEPS {
-            let found = self.outcomes(study, 0..count, substeps, is_interrupted)?;
+            let found = self.outcomes(study, &begun, substeps, is_interrupted)?;
             if is_interrupted() {
                 return Err(INTERRUPTED.to_owned());
             }
@@ -293,47 +280,55 @@ impl Accelerated {
         std::mem::take(&mut self.state().begins_anew)
     }
 
+    /// Samples, prepared for the device.
+    fn begun(&self, study: &Study, samples: Range<u64>) -> Begun {
+        let count = (samples.end - samples.start) as usize;
+        let starts = parallel::each(&vec![(); parallel::cores()], count, |(), k| {
+            let sample = study.sample(samples.start + k as u64);
+            self.runner.start(&sample.start, &sample.changes)
+        });
+        let (places, starts) = starts.into_iter().enumerate().filter_map(|(k, start)| Some((k, start?))).unzip();
+        Begun { count, places, starts }
+    }
+
     /// Outcomes of samples by fixed steps; those that can't be made are not complete.
     fn outcomes(
         &self,
         study: &Study,
-        samples: std::ops::Range<u64>,
+        Begun { count, places, starts }: &Begun,
         substeps: usize,
         is_interrupted: &(impl Fn() -> bool + Sync),
     ) -> Result<Vec<Outcome>, String> {
         let workers: Vec<()> = vec![(); parallel::cores()];
-        let first = samples.start;
-        let count = (samples.end - first) as usize;
-        let starts = parallel::each(&workers, count, |(), k| {
-            let sample = study.sample(first + k as u64);
-            self.runner.start(&sample.start, &sample.changes)
-        });
-        let mut made = vec![Outcome::NotEnded("is not for fixed steps".to_owned()); count];
-        let (places, starts): (Vec<usize>, Vec<_>) =
-            starts.into_iter().enumerate().filter_map(|(k, start)| Some((k, start?))).unzip();
+        let mut made = vec![Outcome::NotEnded("is not for fixed steps".to_owned()); *count];
         if starts.is_empty() {
             return Ok(made);
         }
-        let meters: Vec<Mutex<Option<Meter>>> = starts.iter().map(|_| Mutex::new(None)).collect();
-        let complete = self.runner.run(&starts, substeps, |rows| {
+        let signals = Recording {
+            names: self.recorded.clone(),
+            columns: vec![Vec::new(); self.recorded.len()],
+            ..Recording::default()
+        };
+        let meter = |_| -> Result<_, String> {
+            let mut points = signals.clone();
+            Ok(Mutex::new((Meter::new(study.structure(), &mut points)?, points)))
+        };
+        let meters = starts.iter().map(meter).collect::<Result<Vec<_>, _>>()?;
+        let complete = self.runner.run(starts, substeps, |rows| {
             parallel::each(&workers, meters.len(), |(), run| {
-                let (mut points, mut meter) =
-                    (rows.of(run), meters[run].lock().unwrap_or_else(PoisonError::into_inner));
-                if meter.is_none() {
-                    *meter = Meter::new(study.structure(), &mut points).ok();
-                } else {
-                    // The names of ideal models, as at the first points.
-                    let _ = Meter::new(study.structure(), &mut points);
-                }
-                meter.iter_mut().for_each(|meter| meter.add(&mut points));
+                let (meter, points) = &mut *meters[run].lock().unwrap_or_else(PoisonError::into_inner);
+                rows.add_to(points, run);
+                meter.add(points);
+                points.times.clear();
+                points.columns.iter_mut().for_each(Vec::clear);
             });
             !is_interrupted()
         })?;
         let Some(complete) = complete else { return Ok(Vec::new()) };
-        for ((place, meter), complete) in places.into_iter().zip(meters).zip(complete) {
-            let meter = meter.into_inner().unwrap_or_else(PoisonError::into_inner);
-            if let (true, Some(meter)) = (complete, meter) {
-                made[place] = study.ended(meter.measured()).0;
+        for ((place, meter), complete) in places.iter().zip(meters).zip(complete) {
+            if complete {
+                let (meter, _) = meter.into_inner().unwrap_or_else(PoisonError::into_inner);
+                made[*place] = study.ended(meter.measured()).0;
             }
         }
         Ok(made)
@@ -354,21 +349,27 @@ impl Accelerated {
         let known = self.pilot.iter().skip(first as usize).take(count as usize).cloned();
         let mut made: Vec<Outcome> = known.collect();
         let from = first + made.len() as u64;
-        let further = match self.outcomes(study, from..first + count, substeps, is_interrupted) {
-            Ok(further) => further,
-            Err(reason) => {
+        let begun = self.begun(study, from..first + count);
+        let twice = [substeps, 2 * substeps].map(|substeps| self.outcomes(study, &begun, substeps, is_interrupted));
+        let [coarse, further] = match twice {
+            [Ok(coarse), Ok(further)] => [coarse, further],
+            [Err(reason), _] | [_, Err(reason)] => {
                 self.state().failure = Some(reason);
                 return None;
             }
         };
-        let step = study.settings().step;
+        let (step, limits) = (study.settings().step, study.limits());
+        let pairs = coarse.iter().zip(&further);
+        let is_sure: Vec<bool> =
+            pairs.map(|(one, finer)| difference(limits, step, one, finer) <= PILOT_DIFFERENCE).collect();
         let is_sampled = |sample: u64| sample.is_multiple_of(AGAIN) && checked < MOST_AGAIN;
-        let is_again =
-            |(k, outcome): &(usize, &Outcome)| is_sampled(from + *k as u64) || is_near(study.limits(), step, outcome);
+        let is_again = |(k, outcome): &(usize, &Outcome)| {
+            !is_sure[*k] || is_sampled(from + *k as u64) || is_near(limits, step, outcome)
+        };
         let again: Vec<usize> = further.iter().enumerate().filter(is_again).map(|(k, _)| k).collect();
         let exact = study.each_of(&again.iter().map(|k| from + *k as u64).collect::<Vec<_>>(), is_interrupted);
         let interrupted = exact.len() < again.len();
-        self.learn(study, (&further, &again, &exact), substeps);
+        self.learn(study, (&further, &is_sure), (&again, &exact), substeps);
         let valid = if interrupted { again.get(exact.len()).copied().unwrap_or_default() } else { further.len() };
         made.extend(further.into_iter().take(valid));
         let before = made.len() - valid;
@@ -376,9 +377,15 @@ impl Accelerated {
         Some(made)
     }
 
-    /// Takes what runs that were made again show of the others.
-    fn learn(&self, study: &Study, (made, again, exact): (&[Outcome], &[usize], &[Outcome]), substeps: usize) {
-        let pairs = || again.iter().map(|k| &made[*k]).zip(exact);
+    /// Takes what runs that were made again show of the others: those of which fixed steps are sure.
+    fn learn(
+        &self,
+        study: &Study,
+        (made, is_sure): (&[Outcome], &[bool]),
+        (again, exact): (&[usize], &[Outcome]),
+        substeps: usize,
+    ) {
+        let pairs = || again.iter().zip(exact).filter(|(k, _)| is_sure[**k]).map(|(k, exact)| (&made[*k], exact));
         if pairs().any(ends_early) {
             let failure = Some(ENDS_EARLY.to_owned());
             *self.state() = State { begins_anew: true, failure, ..State::default() };
@@ -404,15 +411,16 @@ impl Accelerated {
         let name = &self.runner.device().name;
         if let Some(reason) = failure {
             if made == 0 {
-                return format!("The processor made all runs: {reason}.");
+                return not_used(&reason);
             }
             return format!("Runs on {name} ended, and the processor made the others: {reason}.");
         }
         format!(
-            "{made} runs were made on {name} in fixed steps of {} s; {} of all runs with error control. Where both were \
+            "{} runs were made on {name} in fixed steps of {} s; {} of all runs with error control. Where both were \
              made, metrics differ by at most {:.1e} of their limits.",
-            number(step / substeps as f64),
-            again + self.pilot.len() as u64,
+            thousands(made),
+            number(step / (2 * substeps) as f64),
+            thousands(again + self.pilot.len() as u64),
             largest
         )
     }
@@ -421,7 +429,7 @@ impl Accelerated {
     pub fn json(&self, step: f64) -> Value {
         let State { substeps, largest, made, again, failure, .. } = self.state().clone();
         json!({
-            "device": self.runner.device().name, "fixed_step": step / substeps as f64, "runs": made,
+            "device": self.runner.device().name, "fixed_step": step / (2 * substeps) as f64, "runs": made,
             "with_error_control": again + self.pilot.len() as u64, "largest_difference": largest, "failure": failure,
         })
     }

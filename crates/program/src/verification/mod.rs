@@ -2,6 +2,7 @@
 //! subset simulation, if that part is small.
 
 mod accelerated;
+mod backend;
 mod binomial;
 mod distribution;
 mod outcome;
@@ -19,7 +20,7 @@ mod subset;
 mod summary;
 mod varied;
 
-pub use accelerated::Backend;
+pub use backend::Backend;
 pub use distribution::{Distribution, Vary};
 pub use outcome::{Judged, Limits, Outcome, Tally};
 pub use plan::{Plan, Verdict};

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
+use super::accelerated::not_used;
 use super::outcome::{Judged, Outcome};
 use super::plan::{Plan, Verdict};
 use super::sensitivity::{first_order, ranks};
@@ -123,7 +124,7 @@ impl Summary<'_> {
         if let Some(device) = &self.study.accelerated {
             let _ = write!(form, " {}", device.described(self.study.settings().step));
         } else if let Some(reason) = &self.study.by_processor {
-            let _ = write!(form, " The processor made all runs: {reason}.");
+            let _ = write!(form, " {}", not_used(reason));
         }
         form
     }

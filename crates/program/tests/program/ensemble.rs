@@ -8,12 +8,10 @@ use adaptive_fmu::structure::{LoopFiles, Settings, Whole};
 use common::loops::loop_names;
 use common::sample::sampled;
 
-/// Fixed steps in a communication step; of a loop whose estimates oscillate at the limit of stability with so few, where rounding
-/// decides, twice as many.
-fn substeps(name: &str) -> usize {
-    if name == "3.3.2-case2" { 8 } else { 4 }
-}
-
+/// Fixed steps in a communication step that are tried: an FMU's run must be near that with twice as many. With fewer, a loop at the limit
+/// of stability may have signals that rounding decides.
+const SUBSTEPS: [usize; 5] = [4, 8, 16, 32, 64];
+const NEAR: f64 = 1e-2;
 /// Communication steps, and the largest difference in parts of a signal's magnitude.
 const STEPS: f64 = 200.0;
 const DIFFERENCE: f64 = 1e-9;
@@ -60,10 +58,6 @@ fn difference<'a>(one: &'a Recording, other: &Recording) -> (f64, &'a str) {
     let of = |((one, other), name): ((&Vec<f64>, &Vec<f64>), &'a String)| {
         let differences: Vec<f64> = one.iter().zip(other).map(|(a, b)| a - b).collect();
         assert!(differences.iter().all(|it| it.is_finite()), "{name}");
-        // Flags, and counts of flags, compare numbers: where two are equal, rounding decides.
-        if other.iter().all(|value| value.fract() == 0.0) && largest(&differences) <= 1.0 {
-            return (0.0, name.as_str());
-        }
         (largest(&differences) / largest(other).max(1e-9), name.as_str())
     };
     let all = one.columns.iter().zip(&other.columns).zip(&one.names).map(of);
@@ -96,26 +90,29 @@ fn runs_on_a_device_are_those_of_the_fmu_with_fixed_steps() {
         let runner = runner.unwrap_or_else(|reason| panic!("{name}: {reason}"));
         let starts: Vec<_> = samples.iter().filter_map(|values| runner.start(values, &[])).collect();
         assert_eq!(starts.len(), samples.len(), "{name}");
-        let mut found = vec![Recording { names, ..Recording::default() }; samples.len()];
-        let complete = runner.run(&starts, substeps(&name), |rows| {
+        let is_near = |substeps: &&usize| {
+            let runs = [1, 2].map(|times| case.by_fmu(&samples[0], times * **substeps));
+            matches!(&runs, [Some(one), Some(finer)] if difference(one, finer).0 <= NEAR)
+        };
+        let Some(&substeps) = SUBSTEPS.iter().find(is_near) else {
+            println!("{name}: needs more fixed steps");
+            continue;
+        };
+        let mut found =
+            vec![Recording { columns: vec![Vec::new(); names.len()], names, ..Recording::default() }; samples.len()];
+        let complete = runner.run(&starts, substeps, |rows| {
             for (run, found) in found.iter_mut().enumerate() {
-                let points = rows.of(run);
-                found.times.extend(&points.times);
-                found.columns.resize(points.columns.len(), Vec::new());
-                found.columns.iter_mut().zip(points.columns).for_each(|(all, further)| all.extend(further));
+                rows.add_to(found, run);
             }
             true
         });
         let complete = complete.unwrap().unwrap();
         for ((values, found), complete) in samples.iter().zip(&found).zip(complete) {
-            let Some(expected) = case.by_fmu(values, substeps(&name)) else {
-                println!("{name}: not for {} fixed steps ({complete})", substeps(&name));
-                assert!(!complete, "{name}");
-                continue;
-            };
-            assert!(complete, "{name}");
+            let expected = case.by_fmu(values, substeps);
+            assert_eq!(complete, expected.is_some(), "{name}");
+            let Some(expected) = expected else { continue };
             let (difference, signal) = difference(found, &expected);
-            println!("{name}: {difference:.1e} in {signal}");
+            println!("{name}, {substeps} fixed steps: {difference:.1e} in {signal}");
             if difference > DIFFERENCE {
                 wrong.push(format!("{name}: {difference:e} in {signal}"));
             }

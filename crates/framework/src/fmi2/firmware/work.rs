@@ -151,9 +151,11 @@ fn of_operation(operation: &Operation) -> Work {
         | Operation::And(..)
         | Operation::Or(..)
         | Operation::Select(..) => simple(1),
-        // A loop over lanes, each of which is counted, compared, and addressed to read and to write.
+        // A loop over lanes. Each is counted and compared, and reads its inputs and writes its results in memory.
         Operation::Iterate { body, most, start, .. } if start.is_empty() => {
-            (of_nodes(&body.operations, body.next.iter().copied()) + simple(4)) * *most as u64
+            let inputs = body.operations.iter().filter(|one| matches!(one, Operation::Carried(_))).count();
+            let of_loop = simple((2 + inputs + body.next.len()) as u64);
+            (of_nodes(&body.operations, body.next.iter().copied()) + of_loop) * *most as u64
         }
         Operation::Iterate { body, most, .. } => {
             body.operations.iter().fold(Work::default(), |sum, one| sum + of_operation(one)) * *most as u64

@@ -1,5 +1,6 @@
 /* Many runs of one system at a time, each a work item: communication steps of a fixed number of Runge-Kutta steps of order 4,
- * with events at their ends, as the method `fixed` of an FMU takes them. */
+ * with events at their ends, as the method `fixed` of an FMU takes them. But contacts aren't judged, and an indicator that begins at
+ * zero has no side until it leaves it. */
 
 /* Events that may follow each other at one time. */
 #define MOST_EVENTS 1000

@@ -4,12 +4,12 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use super::equations::{Head, function, of_events};
+use super::equations::{Head, METHODS, function, of_events};
 use super::{RUNTIME, Unit};
 use crate::error::Invalid;
 use crate::execution::Settled;
 use crate::model::{Block, Model};
-use crate::recording::{Leaf, Method, Node, Operation, Recording};
+use crate::recording::{Leaf, Method, Node, Note, Operation, Recording};
 use crate::system::Section;
 
 /// The kernel's name in [`Ensemble::text`].
@@ -77,8 +77,6 @@ pub struct Ensemble {
     pub indicators: usize,
     /// Places of the reals and the integers that changes during a run may set.
     pub changed: (Vec<usize>, Vec<usize>),
-    /// Number of states, and operations of the state equation.
-    pub size: (usize, usize),
 }
 
 /// Request for an ensemble.
@@ -105,19 +103,8 @@ impl Ensemble {
         let methods = Methods::of(&unit);
         let (reals, integers) = continued(&unit, &methods, request.recorded);
         let changed = if request.changes == 0 { Default::default() } else { given(&unit, &reals, &integers) };
-        let rates = unit.record(Method::Evaluate);
-        let needed = rates
-            .tape
-            .needed(&unit.changed(&rates, &[Section::Derivative]).iter().map(|it| it.node).collect::<Vec<_>>());
-        let size = (model.variables().states(), needed.iter().filter(|needed| **needed).count());
-        let made = Ensemble {
-            text: String::new(),
-            reals,
-            integers,
-            indicators: model.variables().indicators().len(),
-            changed,
-            size,
-        };
+        let indicators = model.variables().indicators().len();
+        let made = Ensemble { text: String::new(), reals, integers, indicators, changed };
         Ok(Ensemble { text: made.written(&unit, &methods, request), ..made })
     }
 
@@ -204,41 +191,14 @@ struct Methods {
     evaluate: Recording,
     indicators: Recording,
     next_time_event: Recording,
-    /// Those that change values, in the order of [`CHANGING`].
+    /// Those that change values, in the order of [`changing`].
     changing: Vec<Recording>,
 }
 
-/// Methods that change values: the method, and the declaration of its function.
-const CHANGING: [(Method, Head); 4] = [
-    (
-        Method::ParametersChanged,
-        Head {
-            what: "What happens when parameters have changed.",
-            declaration: "static void unit_parameters_changed(real t, real *v, int *n, Log *messages)",
-        },
-    ),
-    (
-        Method::Check,
-        Head {
-            what: "Refuses a point where the equations don't hold.",
-            declaration: "static void unit_check(real t, real *v, int *n, Log *messages)",
-        },
-    ),
-    (
-        Method::Event,
-        Head {
-            what: "An event, of time or of the indicators that crossed zero.",
-            declaration: "static void unit_event(real t, const unsigned char *crossed, real *v, int *n, Log *messages)",
-        },
-    ),
-    (
-        Method::StepCompleted,
-        Head {
-            what: "The end of a communication step.",
-            declaration: "static void unit_step_completed(real t, real step, real *v, int *n, Log *messages)",
-        },
-    ),
-];
+/// Methods of [`METHODS`] that the kernel calls: parameters are prepared, and states started, on the processor.
+fn changing() -> impl Iterator<Item = &'static (Method, Head)> {
+    METHODS.iter().filter(|(method, _)| !matches!(method, Method::Relate | Method::Start))
+}
 
 impl Methods {
     fn of(unit: &Unit) -> Self {
@@ -246,7 +206,7 @@ impl Methods {
             evaluate: unit.record(Method::Evaluate),
             indicators: unit.record(Method::Indicators),
             next_time_event: unit.record(Method::NextTimeEvent),
-            changing: CHANGING.iter().map(|(method, _)| unit.record(*method)).collect(),
+            changing: changing().map(|(method, _)| unit.record(*method)).collect(),
         }
     }
 
@@ -269,7 +229,7 @@ impl Methods {
             add(recording, recording.results.clone());
         }
         for recording in &self.changing {
-            let conditions = recording.tape.notes().iter().map(crate::recording::Note::condition);
+            let conditions = recording.tape.notes().iter().map(Note::condition);
             add(recording, targets(recording, &ANY).into_iter().chain(conditions).collect());
         }
         found
@@ -283,7 +243,7 @@ impl Methods {
         let tape = &self.evaluate.tape;
         let mut text = function(unit, &evaluate, tape, &unit.changed(&self.evaluate, &EVALUATED), &[]);
         text += &function(unit, &rates, tape, &unit.changed(&self.evaluate, &[Section::Derivative]), &[]);
-        for ((_, head), recording) in CHANGING.iter().zip(&self.changing) {
+        for ((_, head), recording) in changing().zip(&self.changing) {
             text += &function(unit, head, &recording.tape, &unit.changed(recording, &ANY), recording.tape.notes());
         }
         text + &of_events(unit, &self.next_time_event, &self.indicators)

@@ -58,7 +58,7 @@ const ANY: [Section; 7] = [
 ];
 
 /// Methods that change values, log and refuse.
-const METHODS: [(Method, Head); 6] = [
+pub(super) static METHODS: [(Method, Head); 6] = [
     (
         Method::Relate,
         Head {

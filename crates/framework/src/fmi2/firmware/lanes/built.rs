@@ -130,7 +130,7 @@ impl Builder<'_> {
         place
     }
 
-    /// How a loop reads some numbers, one a lane, and those of them that are computed before.
+    /// Input of a loop for some numbers, one a lane, and those of them that are computed before.
     fn input(&self, nodes: &[Node]) -> (Input, Vec<Node>) {
         let operations = || nodes.iter().map(|node| &self.search.operations[node.index()]);
         let numbers: Option<Vec<f64>> = operations().map(|one| (self.known.number)(one)).collect();
