@@ -82,5 +82,6 @@ mod linked {
         fmi2SetString,
         fmi2DoStep,
         fmi2GetDirectionalDerivative,
+        adaptive_fmu_do_steps,
     ];
 }

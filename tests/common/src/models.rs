@@ -56,3 +56,20 @@ impl Run {
         self.0.step(self.0.time(), step).expect_err("a step that can't be finished")
     }
 }
+
+/// The values at places of the block behind each step to these times, taken in one go where that is possible, or singly.
+pub fn rows(execution: &mut Execution, times: &[f64], places: &[usize], in_one_go: bool) -> Vec<Vec<f64>> {
+    let row = |reals: &[f64]| -> Vec<f64> { places.iter().map(|&place| reals[place]).collect() };
+    let mut rows = Vec::new();
+    while rows.len() + 1 < times.len() {
+        let left = &times[rows.len()..];
+        let mut given = Vec::new();
+        let taken = if in_one_go { execution.steps(left, false, &mut |_, reals, _| given.push(row(reals))) } else { 0 };
+        rows.extend(given.into_iter().take(taken));
+        if taken == 0 {
+            execution.step(left[0], left[1] - left[0]).unwrap();
+            rows.push(row(&execution.block().reals));
+        }
+    }
+    rows
+}

@@ -23,6 +23,20 @@ impl Execution {
         previous.is_some_and(|previous| self.block.reals[inputs] != self.values()[previous])
     }
 
+    /// True if inputs have been constant in the communication step before, and are so in the next.
+    pub(super) fn inputs_rest(&self) -> bool {
+        let (controls, integers) = (self.model.controls(), &self.block.integers);
+        let (inputs, in_force) = (
+            self.model.variables().integers(Section::Input),
+            self.copied_integers(controls.last_integer_inputs, Section::Input),
+        );
+        let slopes = controls.slopes.is_none_or(|slopes| self.values()[slopes].iter().all(|&slope| slope == 0.0));
+        slopes
+            && !self.values().get(controls.slopes_given)
+            && !self.inputs_moved()
+            && integers[inputs] == integers[in_force]
+    }
+
     /// Decides the course of inputs during this step. Returns true if they change at all.
     pub(super) fn prepare_inputs(&mut self, workspace: &mut Workspace, step: f64, first: bool) -> bool {
         let controls = self.model.controls();

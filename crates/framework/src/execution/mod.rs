@@ -5,6 +5,7 @@ mod inputs;
 mod model_exchange;
 mod settled;
 mod step_mode;
+mod steps;
 
 use std::sync::Arc;
 
@@ -15,10 +16,10 @@ pub use settled::Settled;
 
 use crate::controls::TIGHTEST_TOLERANCE;
 use crate::error::{Invalid, StepError};
-use crate::integrator::{Chosen, IntegrationMethod, Place, Problem, Ramp, Settings, Workspace};
+use crate::integrator::{Chosen, IntegrationMethod, Place, Problem, Ramp, Settings, Workspace, check_values};
 use crate::kernel::Kernel;
 use crate::model::{Block, Model};
-use crate::system::{Causality, Handle, Message, MessageLog, Point, Section, Values};
+use crate::system::{Handle, Message, MessageLog, Point, Section, Values};
 
 /// An instance of a model.
 #[derive(Debug)]
@@ -456,28 +457,14 @@ impl Execution {
         self.log.accepted().map_err(|invalid| self.model.variables().named_refusal(invalid))
     }
 
+    fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
+        let next = self.model.equations().next_time_event(&self.values());
+        check_values(self.model.variables(), (&self.block.reals, next), time, limit)
+    }
+
     /// Takes the messages that wait to be logged, in users' words.
     pub fn take_messages(&mut self) -> impl Iterator<Item = Message> {
         let variables = self.model.variables();
         self.log.drain(..).map(|message| Message { text: variables.named(&message.text), ..message })
-    }
-
-    /// Every state and signal must be a number, and so the time of the next event; every output within the limit.
-    fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
-        let variables = self.model.variables();
-        let next = self.model.equations().next_time_event(&self.values());
-        if next.is_nan() {
-            return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value: next, time });
-        }
-        for section in [Section::State, Section::Signal] {
-            let values = self.block.reals[variables.reals(section)].iter().enumerate();
-            for (place, &value) in values.filter(|(_, value)| !value.is_finite() || value.abs() > limit) {
-                let Some(element) = variables.real_at(section, place) else { continue };
-                if !value.is_finite() || element.variable.causality == Causality::Output {
-                    return Err(StepError::Diverged { variable: element.name(), value, time });
-                }
-            }
-        }
-        Ok(())
     }
 }

@@ -174,6 +174,9 @@ macro_rules! define_fmi2_functions {
                 fn adaptive_fmu_take_kernel(c: Component, kernel: *const $crate::kernel::Kernel) -> Boolean
                 { fmi2::take_kernel(c, kernel) }
                 fn adaptive_fmu_has_kernel(c: Component) -> Boolean { fmi2::has_kernel(c) }
+                fn adaptive_fmu_do_steps(c: Component, times: *const f64, count: usize, vr: *const ValueReference, width: usize,
+                    rows: *mut f64) -> usize
+                { fmi2::do_steps(c, times, count, vr, width, rows) }
             }
         }
         $crate::define_fmi3_functions!();

@@ -10,7 +10,7 @@ use super::build::Library;
 use super::calls::{Answer, Function, Interface, Refused, Standard};
 use super::describe;
 use super::instance::Instance;
-pub use super::kernel_interface::{has_kernel, kernel_functions, take_kernel};
+pub use super::kernel_interface::{do_steps, has_kernel, kernel_functions, take_kernel};
 use super::logger::{Callback, ERROR, Logger};
 pub use super::model_exchange_interface::{
     completed_integrator_step, enter_continuous_time_mode, enter_event_mode, get_continuous_states, get_derivatives,

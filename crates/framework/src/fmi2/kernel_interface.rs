@@ -1,10 +1,12 @@
 //! C side of functions in addition to the standard's: an instance gives a host the functions to compile, and gets back
-//! the compiled ones.
+//! the compiled ones; and it takes several communication steps in one call.
 
 use std::ffi::{CString, c_void};
 
+use super::boundary::{array, array_mut, call};
+use super::calls::Function;
 use super::instance::Instance;
-use super::types::{Boolean, Component, FALSE, Reply, TRUE};
+use super::types::{Boolean, Component, FALSE, Reply, Status, TRUE, ValueReference};
 use super::{describe, floating_point, panics};
 use crate::kernel::Kernel;
 
@@ -51,4 +53,32 @@ pub unsafe fn has_kernel(c: Component) -> Boolean {
     // SAFETY: as this function asks of its caller.
     let instance = unsafe { c.cast::<Instance>().as_ref() };
     if instance.is_some_and(Instance::has_kernel) { TRUE } else { FALSE }
+}
+
+/// Takes communication steps from the first of `count` times to the last, and writes `width` values of any type but texts
+/// behind each, one row a step. Returns the number of steps that were taken. For what isn't taken, an ordinary step says
+/// why it can't be.
+///
+/// # Safety
+/// The instance is alive and in no other call. All pointers are those of as many elements as there are: times, references, and
+/// `width` times the number of steps.
+pub unsafe fn do_steps(
+    c: Component,
+    times: *const f64,
+    count: usize,
+    references: *const ValueReference,
+    width: usize,
+    rows: *mut f64,
+) -> usize {
+    let mut taken = 0;
+    call(c, Function::DoStep, |instance| {
+        let values = count.saturating_sub(1) * width;
+        // SAFETY: as this function asks of its caller.
+        let arrays = unsafe { array(times, count).zip(array(references, width)).zip(array_mut(rows, values)) };
+        if let Some(((times, references), rows)) = arrays {
+            taken = instance.do_steps(times, references, rows);
+        }
+        Ok(Status::Ok)
+    });
+    taken
 }

@@ -2,6 +2,7 @@
 
 use crate::error::{Number, StepError};
 use crate::execution::OnStepFailure;
+use crate::system::Section;
 
 use super::calls::{Answer, Function, Phase, Refused, Standard};
 use super::instance::{Instance, hand_out};
@@ -23,6 +24,31 @@ impl Instance {
     pub fn do_step(&mut self, point: f64, step: f64) -> Answer<Status> {
         self.check_step(point, step)?;
         self.take_step(point, step)
+    }
+
+    /// Takes steps to these times, the first of which is the present one, and writes the values of references behind each, one
+    /// row a step. Returns the number of steps that were taken: all, or those before what [`Instance::do_step`] refuses, or can't
+    /// finish.
+    pub fn do_steps(&mut self, times: &[f64], references: &[u32], rows: &mut [f64]) -> usize {
+        let [first, second, ..] = *times else { return 0 };
+        let rises = times.windows(2).all(|two| two[1] > two[0]) && times[times.len() - 1].is_finite();
+        let stops = self.stop_time.is_some_and(|stop| times[times.len() - 1] > stop);
+        if !rises || stops || self.check_step(first, second - first).is_err() {
+            return 0;
+        }
+        let rates = self.execution.model().variables().reals(Section::Derivative);
+        let with_rates = references.iter().any(|&reference| rates.contains(&(reference as usize)));
+        let taken = self.execution.steps(times, with_rates, &mut |k, reals, integers| {
+            let row = &mut rows[(k - 1) * references.len()..][..references.len()];
+            for (value, &reference) in row.iter_mut().zip(references) {
+                let place = reference as usize;
+                // Integers have references behind the reals; what has none is no number, and noticed as such.
+                let integer = || integers.get(place - reals.len()).map_or(f64::NAN, |&integer| f64::from(integer));
+                *value = reals.get(place).copied().unwrap_or_else(integer);
+            }
+        });
+        self.log_method();
+        taken
     }
 
     /// A step that was checked, or a part of one.

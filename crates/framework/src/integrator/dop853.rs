@@ -15,8 +15,9 @@
 
 use nalgebra::Complex;
 
+use super::dense::hermite;
 use super::dormand_prince::sum;
-use super::{OneStepMethod, Problem, Start, Tolerance};
+use super::{Coefficients, OneStepMethod, Problem, Start, Tolerance};
 use crate::system::ErrorEstimate;
 
 /// Number of stored derivatives: those of stages 1 and 4 to 12. Those of stages 2 and 3 are soon needed no more.
@@ -147,6 +148,121 @@ const DIVIDED: [f64; STORED] = [
     UNIT * 910.0 / 27.0,
 ];
 const UNIT: f64 = 7e-4;
+/// Nodes of stages 14 to 16, which only values between the ends need. Stage 13 is the next substep's first.
+const FURTHER_NODES: [f64; 3] = [0.1, 0.2, 7.0 / 9.0];
+/// Weights of the stored stages, and of those from 13 on, in stage 14.
+const A14: ([f64; STORED], [f64; 1]) = (
+    [
+        0.056167502283047954,
+        0.0,
+        0.0,
+        0.0,
+        0.25350021021662483,
+        -0.2462390374708025,
+        -0.12419142326381637,
+        0.15329179827876568,
+        0.00820105229563469,
+        0.007567897660545699,
+    ],
+    [-0.008298],
+);
+/// Weights of the stored stages, and of those from 13 on, in stage 15.
+const A15: ([f64; STORED], [f64; 2]) = (
+    [
+        0.03183464816350214,
+        0.0,
+        0.0,
+        0.028300909672366776,
+        0.053541988307438566,
+        -0.05492374857139099,
+        0.0,
+        0.0,
+        -0.00010834732869724932,
+        0.0003825710908356584,
+    ],
+    [-0.00034046500868740456, 0.1413124436746325],
+);
+/// Weights of the stored stages, and of those from 13 on, in stage 16.
+const A16: ([f64; STORED], [f64; 3]) = (
+    [
+        -0.42889630158379194,
+        0.0,
+        0.0,
+        -4.697621415361164,
+        7.683421196062599,
+        4.06898981839711,
+        0.3567271874552811,
+        0.0,
+        0.0,
+        0.0,
+    ],
+    [-0.0013990241651590145, 2.9475147891527724, -9.15095847217987],
+);
+/// The same in c₄ to c₇ of the polynomial of order 7 between the ends.
+const BETWEEN: [([f64; STORED], [f64; FURTHER]); 4] = [
+    (
+        [
+            -8.428938276109013,
+            0.0,
+            0.0,
+            0.5667149535193777,
+            -3.0689499459498917,
+            2.38466765651207,
+            2.117034582445028,
+            -0.871391583777973,
+            2.2404374302607883,
+            0.6315787787694688,
+        ],
+        [-0.08899033645133331, 18.148505520854727, -9.194632392478356, -4.436036387594894],
+    ),
+    (
+        [
+            10.427508642579134,
+            0.0,
+            0.0,
+            242.28349177525817,
+            165.20045171727028,
+            -374.5467547226902,
+            -22.113666853125306,
+            7.733432668472264,
+            -30.674084731089398,
+            -9.332130526430229,
+        ],
+        [15.697238121770845, -31.139403219565178, -9.35292435884448, 35.81684148639408],
+    ),
+    (
+        [
+            19.985053242002433,
+            0.0,
+            0.0,
+            -387.0373087493518,
+            -189.17813819516758,
+            527.8081592054236,
+            -11.57390253995963,
+            6.8812326946963,
+            -1.0006050966910838,
+            0.7777137798053443,
+        ],
+        [-2.778205752353508, -60.19669523126412, 84.32040550667716, 11.99229113618279],
+    ),
+    (
+        [
+            -25.69393346270375,
+            0.0,
+            0.0,
+            -154.18974869023643,
+            -231.5293791760455,
+            357.6391179106141,
+            93.40532418362432,
+            -37.45832313645163,
+            104.0996495089623,
+            29.8402934266605,
+        ],
+        [-43.53345659001114, 96.32455395918828, -39.17726167561544, -149.72683625798564],
+    ),
+];
+/// Number of stages from 13 on.
+const FURTHER: usize = 4;
 /// Factor on the difference from order 3, compared with that from order 5.
 const PART_OF_3: f64 = 0.1;
 
@@ -183,13 +299,15 @@ pub fn stability(z: Complex<f64>) -> Complex<f64> {
 pub struct Dop853 {
     /// Derivatives at the stages, one row a state: what is summed lies together.
     k: Vec<[f64; STORED]>,
+    /// Those of stages from 13 on, where they are needed.
+    further: Vec<[f64; FURTHER]>,
     errors: Vec<f64>,
 }
 
 impl Dop853 {
     /// A workspace for this number of states.
     pub fn new(states: usize) -> Self {
-        Dop853 { k: vec![[0.0; STORED]; states], errors: vec![0.0; states] }
+        Dop853 { k: vec![[0.0; STORED]; states], further: Vec::new(), errors: vec![0.0; states] }
     }
 
     /// Evaluates the next stage at node c, and keeps the derivatives of the one before, which the problem holds, at
@@ -208,6 +326,23 @@ impl Dop853 {
             k[PLACE] = rate;
         }
         problem.evaluate(start.time + c * h);
+    }
+
+    /// Evaluates a stage behind the 13th, and keeps the derivatives of the one before, which the problem holds.
+    fn further_stage<const N: usize>(
+        &mut self,
+        problem: &mut Problem,
+        start: &Start,
+        h: f64,
+        (stored, further): &([f64; STORED], [f64; N]),
+    ) {
+        let (states, rates) = problem.states_and_rates();
+        let stages = self.k.iter().zip(&mut self.further);
+        for (((x, x0), (k, known)), &rate) in states.iter_mut().zip(&start.states).zip(stages).zip(rates) {
+            known[N - 1] = rate;
+            *x = x0 + h * (sum(stored, k, k[STORED - 1]) + sum(further, known, rate));
+        }
+        problem.evaluate(start.time + FURTHER_NODES[N - 1] * h);
     }
 }
 
@@ -243,6 +378,20 @@ impl OneStepMethod for Dop853 {
 
     fn errors(&self) -> &[f64] {
         &self.errors
+    }
+
+    fn between(&mut self, problem: &mut Problem, start: &Start, h: f64, rows: &mut [Coefficients]) {
+        hermite(problem, start, h, rows);
+        self.further.resize(self.k.len(), [0.0; FURTHER]);
+        self.further_stage(problem, start, h, &A14);
+        self.further_stage(problem, start, h, &A15);
+        self.further_stage(problem, start, h, &A16);
+        let stages = self.k.iter().zip(&self.further);
+        for ((row, (k, further)), &rate) in rows.iter_mut().zip(stages).zip(problem.rates()) {
+            for (c, (stored, weights)) in row[3..].iter_mut().zip(&BETWEEN) {
+                *c = h * (sum(stored, k, k[STORED - 1]) + sum(weights, further, rate));
+            }
+        }
     }
 }
 

@@ -14,8 +14,9 @@ use std::ops::Range;
 
 use nalgebra::Complex;
 
+use super::dense::hermite;
 use super::tableau::{A2, A3, A4, A5, A6, A7, E, STAGES};
-use super::{OneStepMethod, Problem, Start, Tolerance};
+use super::{Coefficients, OneStepMethod, Problem, Start, Tolerance};
 use crate::system::{ErrorEstimate, Section, Variables};
 
 /// Weights of the stages in the solution of order 4 in the middle of a step.
@@ -27,6 +28,16 @@ const MIDDLE: [f64; STAGES] = [
     187940372067.0 / 3189068634112.0,
     -1776094331.0 / 39487288512.0,
     11237099.0 / 470086768.0,
+];
+/// Weights of the stages in c₄ of the polynomial of order 4 between the ends (Shampine).
+const BETWEEN: [f64; STAGES] = [
+    -12715105075.0 / 11282082432.0,
+    0.0,
+    87487479700.0 / 32700410799.0,
+    -10690763975.0 / 1880347072.0,
+    701980252875.0 / 199316789632.0,
+    -1453857185.0 / 822651844.0,
+    69997945.0 / 29380423.0,
 ];
 /// Scaled error below which kinks are not looked for: what a kink hides is tolerated too.
 const CLOSE: f64 = 1e-3;
@@ -137,5 +148,12 @@ impl OneStepMethod for DormandPrince {
 
     fn errors(&self) -> &[f64] {
         &self.errors
+    }
+
+    fn between(&mut self, problem: &mut Problem, start: &Start, h: f64, rows: &mut [Coefficients]) {
+        hermite(problem, start, h, rows);
+        for ((row, k), &rate) in rows.iter_mut().zip(&self.k).zip(problem.rates()) {
+            row[3] = h * sum(&BETWEEN, k, rate);
+        }
     }
 }

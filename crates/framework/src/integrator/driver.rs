@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::dense::{AtPoint, Dense};
 use super::events::EventCount;
 use super::fixed::RungeKutta;
 use super::indicators::Indicators;
@@ -9,7 +10,7 @@ use super::methods::Methods;
 use super::outputs::Outputs;
 use super::{Chosen, IntegrationMethod, Pace, Problem, Settings, Sparsity, Start, Tolerance};
 use crate::error::{Invalid, StepError};
-use crate::system::{DynSystem, ErrorEstimate, Section, Variables};
+use crate::system::{Causality, DynSystem, ErrorEstimate, Section, Variables};
 
 /// A new substep is this much smaller than the one that would just meet the tolerance.
 const SAFETY: f64 = 0.9;
@@ -33,6 +34,7 @@ pub struct Driver {
     pub(super) start: Start,
     outputs: Outputs,
     pub(super) indicators: Indicators,
+    pub(super) dense: Dense,
     /// Work of the communication step so far, in elementary operations.
     pub(super) work: f64,
 }
@@ -56,6 +58,7 @@ impl Driver {
             outputs: Outputs::new(variables),
             start: Start { time: 0.0, states: vec![0.0; states], rates: vec![0.0; states] },
             indicators: Indicators::new(variables.indicators().len(), variables),
+            dense: Dense::default(),
             work: 0.0,
         }
     }
@@ -99,9 +102,25 @@ impl Driver {
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<(), StepError> {
+        self.advance_through(problem, &[t0, t1], settings, pace, &mut |_, _| Ok(())).map(drop)
+    }
+
+    /// Advances a problem from the first of these times as far as it goes without a stop at each: to the last, or to the first
+    /// that isn't before an event. Returns the place of that time; `at_point` gets the problem at those before it.
+    ///
+    /// # Errors
+    /// As [`Driver::advance`].
+    pub fn advance_through(
+        &mut self,
+        problem: &mut Problem,
+        times: &[f64],
+        settings: &Settings,
+        pace: &mut Pace,
+        at_point: &mut AtPoint,
+    ) -> Result<usize, StepError> {
         let reached = match settings.method {
-            IntegrationMethod::Fixed => self.integrate_fixed(problem, (t0, t1), settings),
-            _ => self.integrate(problem, (t0, t1), settings, pace),
+            IntegrationMethod::Fixed => self.integrate_fixed(problem, (times[0], times[1]), settings).map(|()| 1),
+            _ => self.integrate(problem, times, settings, pace, at_point),
         };
         reached.map_err(|error| {
             let reason = match error {
@@ -137,20 +156,23 @@ impl Driver {
     fn integrate(
         &mut self,
         problem: &mut Problem,
-        (t0, t1): (f64, f64),
+        times: &[f64],
         settings: &Settings,
         pace: &mut Pace,
-    ) -> Result<(), StepError> {
-        let mut events = EventCount::new((t0, t1), settings);
-        let (mut t, mut substeps) = (t0, 0);
+        at_point: &mut AtPoint,
+    ) -> Result<usize, StepError> {
+        let mut events = EventCount::new((times[0], times[1]), settings);
+        let (mut t, mut substeps, mut passed) = (times[0], 0, 0);
         self.methods.restart();
         self.work = 0.0;
         self.indicators.restart();
         if self.jumped(problem, t) {
-            self.handle_events(problem, (t, t1), &mut events, false)?;
+            self.handle_events(problem, (t, times[1]), &mut events, false)?;
         }
-        self.sides_of_zeros(problem, t, t1, settings);
-        while t < t1 {
+        let mut end = events.end_of_way(problem, times);
+        self.sides_of_zeros(problem, t, times[end], settings);
+        while t < times[end] {
+            let t1 = times[end];
             let target = match problem.next_time_event() {
                 event if event < t1 - events.slack() => event.max(t),
                 _ => t1,
@@ -163,18 +185,22 @@ impl Driver {
                 };
             substeps += 1;
             if self.work > settings.most_work {
-                return Err(self.overworked(problem, t, t1 - t0, (events.total(), substeps), pace));
+                let step = times[1] - times[0];
+                return Err(self.overworked(problem, t, step, (events.total(), substeps), pace));
             }
             check_divergence(problem, t, settings.divergence_limit)?;
+            self.pass(problem, (&times[..=end], &mut passed), (t, state_event), pace, at_point)?;
             let is_left = settings.leaves_end && t >= t1 && !state_event;
             if !is_left && (state_event || events.time_event_due(problem, t, t1)) {
-                self.handle_events(problem, (t, t1), &mut events, state_event)?;
-                if t < t1 {
-                    self.sides_of_zeros(problem, t, t1, settings);
+                // What comes behind an event may be other events.
+                end = passed + 1;
+                self.handle_events(problem, (t, times[end]), &mut events, state_event)?;
+                if t < times[end] {
+                    self.sides_of_zeros(problem, t, times[end], settings);
                 }
             }
         }
-        Ok(())
+        Ok(end)
     }
 
     /// Reason why a step of this length reaches only `time` with these events and substeps.
@@ -325,6 +351,28 @@ impl Driver {
 fn growth(scaled: f64, order: i32) -> f64 {
     // Below this error the factor is at its limit: no power to take.
     if scaled < 1e-6 { GROW } else { (SAFETY * scaled.powf(-1.0 / f64::from(order))).clamp(SHRINK, GROW) }
+}
+
+/// Every state and signal must be a number, and so the time of the next event; every output within the limit.
+pub(crate) fn check_values(
+    variables: &Variables,
+    (reals, next): (&[f64], f64),
+    time: f64,
+    limit: f64,
+) -> Result<(), StepError> {
+    if next.is_nan() {
+        return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value: next, time });
+    }
+    for section in [Section::State, Section::Signal] {
+        let values = reals[variables.reals(section)].iter().enumerate();
+        for (place, &value) in values.filter(|(_, value)| !value.is_finite() || value.abs() > limit) {
+            let Some(element) = variables.real_at(section, place) else { continue };
+            if !value.is_finite() || element.variable.causality == Causality::Output {
+                return Err(StepError::Diverged { variable: element.name(), value, time });
+            }
+        }
+    }
+    Ok(())
 }
 
 pub(crate) fn check_divergence(problem: &mut Problem, time: f64, limit: f64) -> Result<(), StepError> {

@@ -40,6 +40,13 @@ impl EventCount {
         EventCount { slack, limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
     }
 
+    /// Place of the last of these times that can be reached without a time event before it: at the event, or first behind it.
+    pub fn end_of_way(&self, problem: &Problem, times: &[f64]) -> usize {
+        let event = problem.next_time_event();
+        let is_end = |&time: &f64| event <= time + self.slack();
+        times[1..].iter().position(is_end).map_or(times.len() - 1, |before| before + 1)
+    }
+
     fn another(&mut self, t: f64, is_clock: bool) -> Result<(), StepError> {
         self.count = if t - self.last > 4.0 * f64::EPSILON * t.abs() { 1 } else { self.count + 1 };
         self.last = t;

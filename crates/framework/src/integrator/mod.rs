@@ -49,6 +49,7 @@
 //! law, and the general methods integrate. `benches/adaptation` measures single steps.
 
 mod chosen;
+mod dense;
 mod dop853;
 mod dormand_prince;
 mod driver;
@@ -71,8 +72,9 @@ mod work;
 mod workspace;
 
 pub use chosen::{Chosen, Integrates};
+pub use dense::{AtPoint, Coefficients};
 pub use driver::Driver;
-pub(crate) use driver::check_divergence;
+pub(crate) use driver::{check_divergence, check_values};
 pub(crate) use elimination::{LOST, Pattern};
 pub use methods::{IntegrationMethod, MOST_EVIDENCE, Pace};
 pub use sparsity::Sparsity;
@@ -80,7 +82,7 @@ pub use stability::{ExplicitLimits, Limits, Mode};
 pub use work::Work;
 pub use workspace::{Place, Workspace, Workspaces};
 
-use crate::error::Invalid;
+use crate::error::{Invalid, StepError};
 use crate::kernel::Kernel;
 use crate::system::{DynSystem, Equations, ErrorEstimate, MessageLog, Offsets, Point, Section, Values, Variables};
 
@@ -182,7 +184,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Brings inputs and signals to time t.
-    fn evaluate_signals(&mut self, t: f64) {
+    pub(crate) fn evaluate_signals(&mut self, t: f64) {
         self.follow_ramp(t);
         match self.kernel {
             Some(kernel) => kernel.outputs(t, self.reals, self.integers),
@@ -227,14 +229,18 @@ impl<'a> Problem<'a> {
         Values::new(self.reals, self.integers, self.offsets())
     }
 
-    fn point(&mut self) -> Point<'_> {
+    pub(crate) fn point(&mut self) -> Point<'_> {
         Point::new(self.reals, self.integers, self.variables.offsets(), self.log)
     }
 
     /// Checks whether the equations hold at t, with the problem evaluated there.
-    fn check(&mut self, t: f64) -> Result<(), Invalid> {
+    pub(crate) fn check(&mut self, t: f64) -> Result<(), Invalid> {
         self.equations().check(t, &mut self.point());
         self.log.accepted().map_err(|invalid| self.variables.named_refusal(invalid).at(t))
+    }
+
+    pub(crate) fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
+        check_values(self.variables, (self.reals, self.next_time_event()), time, limit)
     }
 
     fn next_time_event(&self) -> f64 {
@@ -243,6 +249,11 @@ impl<'a> Problem<'a> {
 
     fn event_indicators(&self, t: f64, z: &mut [f64]) {
         self.equations().event_indicators(t, &self.values(), z);
+    }
+
+    /// Tells the system that a communication step of this length ended at t.
+    pub(crate) fn step_completed(&mut self, t: f64, step: f64) {
+        self.equations().step_completed(t, step, &mut self.point());
     }
 
     fn event(&mut self, t: f64, crossed: &[bool]) {
@@ -318,5 +329,11 @@ pub trait OneStepMethod: Send {
     /// Right after an attempt: the error of each state, where the method knows them.
     fn errors(&self) -> &[f64] {
         &[]
+    }
+
+    /// Right after the substep h, with the problem evaluated at its end: the polynomials between its ends, one row a state. The
+    /// problem may be anywhere afterwards.
+    fn between(&mut self, problem: &mut Problem, start: &Start, h: f64, rows: &mut [Coefficients]) {
+        dense::hermite(problem, start, h, rows);
     }
 }

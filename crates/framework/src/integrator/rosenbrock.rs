@@ -19,7 +19,7 @@ use std::sync::Arc;
 use super::elimination::Elimination;
 use super::jacobian::Jacobian;
 use super::lu::Lu;
-use super::{OneStepMethod, Problem, Sparsity, Start, Tolerance};
+use super::{Coefficients, OneStepMethod, Problem, Sparsity, Start, Tolerance};
 use crate::kernel::Kernel;
 use crate::system::{ErrorEstimate, Variables};
 
@@ -62,6 +62,39 @@ const C8: [f64; 7] = [
     -40.06618937091002,
     -54.66780262877968,
     -9.48861652309627,
+];
+/// Weights of the stages in the polynomial of order 4 between the ends, s(c₁ + r(K₁ + s(K₂ + s K₃))).
+const BETWEEN: [[f64; STAGES]; 3] = [
+    [
+        25.948786856663858,
+        -2.5579724845846235,
+        10.433815404888879,
+        -2.3679251022685204,
+        0.524948541321073,
+        1.1241088310450404,
+        0.4272876194431874,
+        -0.17202221070155493,
+    ],
+    [
+        -9.91568850695171,
+        -0.9689944594115154,
+        3.0438037242978453,
+        -24.495224566215796,
+        20.176138334709044,
+        15.98066361424651,
+        -6.789040303419874,
+        -6.710236069923372,
+    ],
+    [
+        11.419903575922262,
+        2.8879645146136994,
+        72.92137995996029,
+        80.12511834622643,
+        -52.072871366152654,
+        -59.78993625266729,
+        -0.15582684282751913,
+        4.883087185713722,
+    ],
 ];
 
 /// Largest ratio of one more correction to the last one; beyond it, the Jacobian isn't what it was at the start.
@@ -112,6 +145,8 @@ pub struct Rosenbrock {
     u: Vec<[f64; STAGES]>,
     /// Right-hand side and solution of a stage's equations.
     rhs: Vec<f64>,
+    /// The error without damping.
+    undamped: Vec<f64>,
     errors: Vec<f64>,
 }
 
@@ -127,6 +162,7 @@ impl Rosenbrock {
             decomposed: Decomposed::Pivoted,
             u: vec![[0.0; STAGES]; states],
             rhs: vec![0.0; states],
+            undamped: vec![0.0; states],
             errors: vec![0.0; states],
         }
     }
@@ -214,11 +250,11 @@ impl Rosenbrock {
     ) -> (f64, usize) {
         let (diagonal, kernel) = (1.0 / (GAMMA * h), problem.kernel);
         let (states, rates) = problem.states_and_rates();
-        for ((rhs, rate), u) in self.rhs.iter_mut().zip(rates).zip(&mut self.u) {
+        for (((rhs, undamped), rate), u) in self.rhs.iter_mut().zip(&mut self.undamped).zip(rates).zip(&self.u) {
             *rhs = rate + sum(&C8, u) / h - diagonal * u[7];
-            u[0] = *rhs / diagonal;
+            *undamped = *rhs / diagonal;
         }
-        let most = tolerance.scaled(self.u.iter().map(|u| u[0]), &start.states, states);
+        let most = tolerance.scaled(self.undamped.iter().copied(), &start.states, states);
         // Nor where that is no number.
         if most.0.is_nan() || most.0 <= 1.0 {
             return damped;
@@ -227,7 +263,7 @@ impl Rosenbrock {
         let lasts = |i: usize| {
             let size = tolerance.nominals[i].max(start.states[i].abs()).max(states[i].abs());
             let small = self.rhs[i].abs() <= (LEFT_OVER * self.u[i][7].abs()).max(ROUNDING * size);
-            small || self.u[i][0].abs() <= tolerance.relative * size
+            small || self.undamped[i].abs() <= tolerance.relative * size
         };
         if (0..states.len()).all(lasts) { damped } else { most }
     }
@@ -285,5 +321,13 @@ impl OneStepMethod for Rosenbrock {
 
     fn errors(&self) -> &[f64] {
         &self.errors
+    }
+
+    fn between(&mut self, problem: &mut Problem, start: &Start, _h: f64, rows: &mut [Coefficients]) {
+        for ((row, u), (x0, x1)) in rows.iter_mut().zip(&self.u).zip(start.states.iter().zip(problem.states())) {
+            let [k1, k2, k3] = BETWEEN.map(|weights| sum(&weights, u));
+            // The same in the form for all methods: s = 1 − r.
+            *row = [*x1 - x0, k1, k2 + k3, -k3, 0.0, 0.0, 0.0];
+        }
     }
 }

@@ -189,6 +189,17 @@ fn a_step_of_a_composite_allocates_nothing() {
         assert_eq!(unit.set_integer("integration_method", method), OK);
         unit.start(0.0);
         assert_eq!(allocations(&unit, 1e-3, 300), [0; 3], "integration method {method}");
+        // Several in one go, once there is a place for what is between them.
+        let (times, y) = ([0.3, 0.4, 0.5, 0.6].map(|t| [t, t + 0.03, t + 0.06, t + 0.1]), unit.reference("plant.y[1]"));
+        let taken = times.map(|times| {
+            let before = COUNT.get();
+            let mut rows = [0.0; 3];
+            // SAFETY: the instance is alive, and there is a row for each step.
+            let taken =
+                unsafe { adaptive_fmu_do_steps(unit.component, times.as_ptr(), 4, &raw const y, 1, rows.as_mut_ptr()) };
+            (taken, COUNT.get() - before)
+        });
+        assert_eq!(taken[1..], [(3, 0); 3], "integration method {method}");
     }
     let unit = Unit::made(library::REGISTRY, &text, MODEL_EXCHANGE);
     unit.start(0.0);

@@ -24,6 +24,7 @@ mod recording;
 mod reference;
 mod relations;
 mod source;
+mod steps;
 mod stiff;
 mod tolerance;
 mod work;

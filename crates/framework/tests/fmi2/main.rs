@@ -15,6 +15,7 @@ mod model_exchange_arguments;
 mod panics;
 mod processes;
 mod sequences;
+mod several_steps;
 mod starts;
 mod states;
 mod steps;

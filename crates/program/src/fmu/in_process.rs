@@ -26,6 +26,8 @@ const NO_CODE: &str = "failed to map segment";
 pub(super) type Symbol = unsafe extern "C" fn();
 
 type Free = unsafe extern "C" fn(Component);
+/// A function of this crate's libraries.
+type DoSteps = unsafe extern "C" fn(Component, *const f64, usize, *const u32, usize, *mut f64) -> usize;
 
 #[cfg(not(target_family = "wasm"))]
 unsafe extern "C" {
@@ -241,6 +243,20 @@ impl RunningUnit for InProcess {
                 None => fmi2::call(self.component, &self.binary, call),
                 Some(instance) => instance.call(&self.binary, call),
             }
+        }
+    }
+
+    fn do_steps(&self, times: &[f64], references: &[u32], rows: &mut [f64]) -> usize {
+        let Some(symbol) = self.binary.symbol("adaptive_fmu_do_steps").filter(|_| self.fmi3.is_none()) else {
+            return 0;
+        };
+        assert_eq!(rows.len(), (times.len() - 1) * references.len());
+        self.look_for_kernel();
+        // SAFETY: a library of this crate gives the symbol this type; the instance is alive until it is freed, and the arrays
+        // have the lengths that it asks for.
+        unsafe {
+            let call = std::mem::transmute::<Symbol, DoSteps>(symbol);
+            call(self.component, times.as_ptr(), times.len(), references.as_ptr(), references.len(), rows.as_mut_ptr())
         }
     }
 

@@ -240,6 +240,22 @@ impl Instance {
         self.call(Call::DoStep { time, step })
     }
 
+    /// Takes communication steps to these times from the first of them in one go, and writes the values of variables behind
+    /// each: real ones, integers and Booleans. Returns the number of steps that were taken; the others are left to
+    /// [`Instance::do_step`].
+    pub(crate) fn do_steps(&mut self, times: &[f64], references: &[u32], rows: &mut [f64]) -> usize {
+        self.unit.do_steps(times, references, rows)
+    }
+
+    /// Takes note of the values behind one of these steps, which began at a time.
+    ///
+    /// # Errors
+    /// If one of them is not finite.
+    pub(crate) fn stepped(&mut self, time: f64, references: &[u32], row: &[f64]) -> Result<(), Error> {
+        self.time = time;
+        self.check_numbers(Function::GetReal, row, |place| self.name_of(references[place]))
+    }
+
     /// Ends the simulation.
     ///
     /// # Errors

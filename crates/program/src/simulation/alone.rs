@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::closed_loop::{LoggedMessages, ROUNDING};
+use super::changes::ROUNDING;
+use super::closed_loop::LoggedMessages;
 use super::exchange::Exchange;
 use super::inputs::Inputs;
 use super::loaded::may_change;

@@ -1,39 +1,21 @@
 //! The master: steps components together, and passes outputs to inputs.
 
+use super::ahead::Ahead;
+use super::changes::{Change, Coming, Place};
 use super::port::Ports;
 use super::recording::Recording;
 use super::settling::Settling;
 use crate::error::Error;
-use crate::fmu::{Common, Instance, Messages, Value};
+use crate::fmu::{Common, Instance, Messages};
 use crate::model_description::Affine;
 use crate::model_description::Variable;
 use crate::report::number;
 use crate::structure::{Order, Settings};
 
-/// Part of a communication step by which a change may be late: times of points are rounded.
-pub(crate) const ROUNDING: f64 = 1e-6;
 /// The most exchanges at one communication point.
 const EVENT_ITERATIONS: usize = 100;
 /// The most messages of a component in a recording; further ones are counted, and the last is recorded.
 const MOST_MESSAGES: usize = 100;
-
-/// A variable of a component, by places.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
-    pub(crate) unit: usize,
-    pub(crate) variable: usize,
-}
-
-/// A value that a variable gets during a run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Change {
-    /// Time, s.
-    pub at: f64,
-    /// Its variable.
-    pub place: Place,
-    /// The value.
-    pub value: Value,
-}
 
 /// A component with its outputs and inputs.
 #[derive(Debug)]
@@ -256,24 +238,21 @@ impl ClosedLoop {
         let (Settings { start_time, stop_time, .. }, order) = (settings, self.order);
         recording.warnings.extend(self.initialise(start_time, stop_time)?);
         let (mut goes_on, mut is_warned) = (watch(recording, start_time, &self.row), false);
-        let mut changes = [&self.changes[..], changes].concat();
-        changes.sort_by(|a, b| a.at.total_cmp(&b.at));
-        let mut changes = changes.into_iter().peekable();
-        for (time, next) in settings.points() {
+        let (mut coming, mut ahead) = (Coming::new(&self.changes, changes), self.ahead());
+        for (k, (time, next)) in settings.points().enumerate() {
             if !goes_on {
                 break;
             }
-            let is_due = |change: &Change| change.at <= time + ROUNDING * (next - time);
-            let due: Vec<Change> = std::iter::from_fn(|| changes.next_if(is_due)).collect();
+            let due = coming.due(settings, k);
             self.change(&due, order, time)?;
-            match order {
-                Order::GaussSeidel => self.step_in_turn(time, next)?,
-                Order::Jacobi => self.step_together(time, next)?,
-                Order::EventMode => {
-                    self.step_in_turn(time, next)?;
-                    let unsettled = self.event(next)?;
-                    recording.warnings.extend(unsettled.filter(|_| !std::mem::replace(&mut is_warned, true)));
-                }
+            // Start values, and what was set, are taken over in a step of its own.
+            let taken = match ahead.as_mut().filter(|_| k > 0 && due.is_empty()) {
+                Some(ahead) => ahead.step(&mut self.units[0].instance, coming.unchanged(settings, k), &mut self.row)?,
+                None => false,
+            };
+            if !taken {
+                let unsettled = self.step(order, time, next)?;
+                recording.warnings.extend(unsettled.filter(|_| !std::mem::replace(&mut is_warned, true)));
             }
             for WiredUnit { instance, logged, .. } in &mut self.units {
                 logged.keep(instance.name(), &instance.messages(), &mut recording.warnings);
@@ -297,6 +276,24 @@ impl ClosedLoop {
             instance.set_start(instance.description().variables[*variable].reference, value)?;
         }
         if order == Order::EventMode { self.exchange(Some(time)).map(drop) } else { Ok(()) }
+    }
+
+    /// Steps that can be taken in one go, if it is a single component that nothing is connected to.
+    fn ahead(&self) -> Option<Ahead> {
+        let [WiredUnit { outputs, inputs, by_events: false, .. }] = &self.units[..] else { return None };
+        inputs.is_empty().then(|| Ahead::of(outputs.references()))
+    }
+
+    /// Takes one step. Returns a message if values don't converge in Event Mode.
+    fn step(&mut self, order: Order, time: f64, next: f64) -> Result<Option<String>, Error> {
+        match order {
+            Order::GaussSeidel => self.step_in_turn(time, next).map(|()| None),
+            Order::Jacobi => self.step_together(time, next).map(|()| None),
+            Order::EventMode => {
+                self.step_in_turn(time, next)?;
+                self.event(next)
+            }
+        }
     }
 
     fn step_in_turn(&mut self, time: f64, next: f64) -> Result<(), Error> {

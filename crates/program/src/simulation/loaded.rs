@@ -4,7 +4,8 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::closed_loop::{Change, ClosedLoop, Place};
+use super::changes::{Change, Place};
+use super::closed_loop::ClosedLoop;
 use super::port::signals;
 use super::recording::Recording;
 use crate::error::{Error, Invalid};

@@ -1,6 +1,8 @@
 //! Runs of loops and single FMUs: instances that exchange values, and their recordings.
 
+mod ahead;
 mod alone;
+mod changes;
 mod closed_loop;
 mod exchange;
 mod inputs;
@@ -11,8 +13,9 @@ mod replay;
 mod settling;
 
 pub use alone::{Alone, AloneEvent};
-pub(crate) use closed_loop::ROUNDING;
-pub use closed_loop::{Change, ClosedLoop, Place};
+pub(crate) use changes::ROUNDING;
+pub use changes::{Change, Place};
+pub use closed_loop::ClosedLoop;
 pub use inputs::{Inputs, Read, conversion, values_of};
 pub use loaded::LoadedLoop;
 pub(crate) use loaded::LoadedUnit;

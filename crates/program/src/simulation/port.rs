@@ -43,6 +43,20 @@ impl Ports {
         self.integers.push(0);
     }
 
+    /// The references of all, by their places in a row without gaps.
+    pub fn references(&self) -> Vec<u32> {
+        let ports = [&self.real, &self.integer, &self.boolean];
+        let mut all: Vec<(usize, u32)> =
+            ports.iter().flat_map(|port| port.places.iter().copied().zip(port.references.iter().copied())).collect();
+        all.sort_unstable();
+        all.into_iter().map(|(_, reference)| reference).collect()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        [&self.real, &self.integer, &self.boolean].iter().all(|port| port.is_empty())
+    }
+
     /// Sets them from the row.
     pub fn take(&mut self, instance: &Instance, row: &[f64]) -> Result<(), Error> {
         let Ports { real, integer, boolean, integers } = self;

@@ -56,9 +56,11 @@ impl Settings {
 
     /// The communication steps, from one time to the next.
     pub(crate) fn points(self) -> impl Iterator<Item = (f64, f64)> {
-        let Settings { start_time, stop_time, step, .. } = self;
-        let steps = self.steps();
-        let time_of = move |k: usize| if k == steps { stop_time } else { start_time + k as f64 * step };
-        (0..steps).map(move |k| (time_of(k), time_of(k + 1)))
+        (0..self.steps()).map(move |k| (self.time(k), self.time(k + 1)))
+    }
+
+    /// The time of a communication point, by its number from the start.
+    pub(crate) fn time(self, k: usize) -> f64 {
+        if k == self.steps() { self.stop_time } else { self.start_time + k as f64 * self.step }
     }
 }

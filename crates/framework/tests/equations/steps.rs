@@ -1,0 +1,169 @@
+//! Several steps in one go: what they show at each communication point is what single steps show.
+
+use adaptive_fmu::execution::Execution;
+use adaptive_fmu::system::*;
+use common::described::model;
+use common::loops::{loop_names, whole};
+use common::models::{Run, rows};
+use common::random::Random;
+use common::sample::sampled;
+use common::systems::*;
+
+/// The values of a variable behind each of the steps to these times, taken in one go where that is possible.
+fn values(run: &mut Run, times: &[f64], name: &str) -> Vec<f64> {
+    let variables = run.0.model().variables();
+    let place = variables.index(variables.find(name).unwrap());
+    rows(&mut run.0, times, &[place], true).into_iter().map(|row| row[0]).collect()
+}
+
+fn times(step: f64, steps: u32) -> Vec<f64> {
+    (0..=steps).map(|k| f64::from(k) * step).collect()
+}
+
+/// x' = λ(x − cos ωt) − ω sin ωt, so that x = cos ωt, with an output that follows.
+struct Follower {
+    lambda: ScalarOf<Parameter>,
+    omega: ScalarOf<Parameter>,
+    x: ScalarOf<State>,
+    y: ScalarOf<Signal>,
+}
+
+impl System for Follower {
+    type Structure = NoStructure;
+    const NAME: &'static str = "follower";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Follower {
+            lambda: d.parameter(scalar("lambda", "eigenvalue")),
+            omega: d.parameter(scalar("omega", "frequency")),
+            x: d.state(scalar("x", "state").start(1.0)),
+            y: d.output(scalar("y", "twice the state")),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, v: &Values<S>, y: &mut Signals<S>) {
+        y[self.y] = v[self.x] * 2.0;
+    }
+    fn derivatives<S: Scalar>(&self, t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        let omega = v[self.omega];
+        dx[self.x] = v[self.lambda] * (v[self.x] - (omega * t).cos()) - omega * (omega * t).sin();
+    }
+}
+
+#[test]
+fn values_between_the_ends_of_substeps_are_as_accurate_as_these() {
+    let mut random = Random::new(7);
+    for method in ["automatic", "explicit", "stiff"] {
+        for _ in 0..30 {
+            let omega = 10.0_f64.powf(2.0 * (0.5 + 0.5 * random.next()));
+            // Slow, and where it is stiff, fast.
+            let lambda = -omega
+                * if method == "explicit" { 0.3 } else { 10.0_f64.powf(-1.0 + 5.0 * (0.5 + 0.5 * random.next())) };
+            let tolerance = 10.0_f64.powf(-4.0 - 5.0 * (0.5 + 0.5 * random.next()));
+            let start = format!(
+                "lambda = {lambda}\nomega = {omega}\nrelative_tolerance = {tolerance:e}\nintegration_method = '{method}'"
+            );
+            let times = times((0.001 + 0.2 * (0.5 + 0.5 * random.next())) / omega, 500);
+            let found = values(&mut Run::of::<Follower>(&start, 0.0), &times, "y");
+            let errors = found.iter().zip(&times[1..]).map(|(y, t)| (y - 2.0 * (omega * t).cos()).abs());
+            let worst = errors.fold(0.0, f64::max);
+            println!(
+                "{method}: lambda {lambda}, omega {omega}, tolerance {tolerance:e}: {:.2} tolerances",
+                worst / tolerance
+            );
+            assert!(worst < 30.0 * tolerance, "{start}: {worst:e}");
+        }
+    }
+}
+
+#[test]
+fn events_are_where_they_are_in_single_steps() {
+    for (step, steps) in [(1.0, 60), (0.37e-3, 20_000), (0.1, 600), (edge(1.0) / 7.0, 300)] {
+        let times = times(step, steps);
+        let found = values(&mut Run::of::<SquareIntegral>("", 0.0), &times, "q");
+        found.iter().zip(&times[1..]).for_each(|(q, &t)| assert!((q - triangle(t)).abs() < 1e-9, "{step}, {t}: {q}"));
+    }
+    for (step, steps) in [(0.01, 250), (0.25, 10)] {
+        let times = times(step, steps);
+        let found = values(&mut Run::of::<Ball>("", 0.0), &times, "bounces");
+        found.iter().zip(&times[1..]).for_each(|(&n, &t)| assert_eq!(n, exact_ball(t, 0.8).0, "{step}, {t}"));
+    }
+    for (step, steps) in [(0.3, 66), (1.0, 20), (0.013, 1500)] {
+        let times = times(step, steps);
+        let found = values(&mut Run::of::<Relay>("", 0.0), &times, "x");
+        let triangle = |t: f64| 1.0 - ((t + 1.0).rem_euclid(4.0) - 2.0).abs();
+        found.iter().zip(&times[1..]).for_each(|(&x, &t)| assert!((x - triangle(t)).abs() < 1e-8, "{step}, {t}: {x}"));
+    }
+}
+
+#[test]
+fn what_can_not_be_finished_is_left_to_a_single_step() {
+    // With half the speed each time, infinitely many bounces are over at t = 1.34 s.
+    let mut run = Run::of::<Ball>("restitution = 0.5", 0.0);
+    let times = times(0.1, 30);
+    run.step(0.1);
+    let mut taken = 0;
+    let mut given = 0;
+    while taken < 30 {
+        let further = run.0.steps(&times[1 + taken..], false, &mut |_, _, _| given += 1);
+        taken += further;
+        if further == 0 {
+            break;
+        }
+    }
+    assert!((9..=12).contains(&taken) && given >= taken, "{taken} steps, {given} points");
+    assert_eq!(run.0.time(), times[1 + taken]);
+    let before = run.0.block().clone();
+    assert_eq!(run.0.steps(&times[1 + taken..], false, &mut |_, _, _| ()), 0);
+    assert_eq!(run.0.block(), &before);
+    let message = (0..20).find_map(|_| run.0.step(run.0.time(), 0.1).err()).expect("an endless event").to_string();
+    assert!(message.contains("t = 1.34"), "{message}");
+}
+
+#[test]
+fn what_was_set_and_fixed_steps_are_stepped_singly() {
+    let times = times(0.01, 10);
+    let mut switch = Run::of::<Switch>("threshold = 1.0", 0.0);
+    switch.step(0.01);
+    switch.set("u", 0.5);
+    assert_eq!(switch.0.steps(&times[1..], false, &mut |_, _, _| ()), 0, "another input");
+    switch.step(0.01);
+    assert_eq!(switch.0.steps(&times[2..4], false, &mut |_, _, _| ()), 1, "the same input");
+    switch.0.set_input_slope(0, 1.0);
+    assert_eq!(switch.0.steps(&times[3..], false, &mut |_, _, _| ()), 0, "an input that moves");
+    switch.step(0.01);
+    assert_eq!(switch.0.steps(&times[4..], false, &mut |_, _, _| ()), 0, "an input that has moved");
+    for (start, taken) in [("integration_method = 'fixed'\n", 0), ("", 9)] {
+        let mut run = Run::of::<Follower>(&format!("{start}lambda = -1.0\nomega = 1.0"), 0.0);
+        assert_eq!(run.0.steps(&times, false, &mut |_, _, _| ()), 0, "before the first step");
+        run.step(0.01);
+        assert_eq!(run.0.steps(&times[1..], false, &mut |_, _, _| ()), taken, "{start}");
+        run.set("omega", 2.0);
+        assert_eq!(run.0.steps(&times[1..], false, &mut |_, _, _| ()), 0, "a parameter is to be taken over");
+    }
+}
+
+#[test]
+fn loops_have_the_values_of_single_steps_within_the_tolerance() {
+    for name in sampled(loop_names()) {
+        let text = whole(&name);
+        let begun = || {
+            let mut execution = Execution::new(model(&text).unwrap());
+            execution.initialise().unwrap();
+            execution
+        };
+        let first = begun();
+        let (variables, times) = (first.model().variables(), times(first.model().description().experiment.step, 400));
+        let shown = variables.visible().filter(|e| e.variable.is_real() && e.variable.causality == Causality::Output);
+        let places: Vec<_> = shown.map(|element| variables.index(element)).collect();
+        let [singly, at_once] = [false, true].map(|in_one_go| rows(&mut begun(), &times, &places, in_one_go));
+        let mut worst = 0.0_f64;
+        for k in 0..singly[0].len() {
+            let size = singly.iter().map(|row| row[k].abs()).fold(1e-9, f64::max);
+            let apart = singly.iter().zip(&at_once).map(|(one, other)| (one[k] - other[k]).abs()).fold(0.0, f64::max);
+            worst = worst.max(apart / size);
+        }
+        println!("{name}: {worst:.1e}");
+        assert!(worst < 2e-5, "{name}: {worst:e}");
+    }
+}
