@@ -18,7 +18,7 @@ use crate::error::Invalid;
 use crate::integrator::{Sparsity, Work, Workspace, Workspaces};
 use crate::recording::{Method, Recording};
 use crate::report::DesignReport;
-use crate::structure::{Place, Structure};
+use crate::structure::{Place, Structure, ends_aside};
 use crate::system::{
     Data, Declaration, DynSystem, Equations, Handle, Kind, MessageLog, Names, NoStructure, Registry, Section, System,
     Variable, Variables,
@@ -61,6 +61,7 @@ pub struct Model {
     start_direction: OnceLock<Direction>,
     adjoint: OnceLock<Option<Adjoint>>,
     sizes: OnceLock<Sizes>,
+    ends_aside: OnceLock<bool>,
     workspaces: Workspaces,
 }
 
@@ -170,6 +171,7 @@ impl Model {
             start_direction: OnceLock::new(),
             adjoint: OnceLock::new(),
             sizes: OnceLock::new(),
+            ends_aside: OnceLock::new(),
             workspaces: Workspaces::default(),
         })
     }
@@ -246,6 +248,11 @@ impl Model {
     pub fn start_direction(&self) -> &Direction {
         let recorded = || differentiation::start_directional(&self.variables, self.recorded(Method::Start));
         self.start_direction.get_or_init(|| Direction::of(&recorded()))
+    }
+
+    /// True if the end of a communication step stands aside; see [`ends_aside`].
+    pub(crate) fn ends_aside(&self) -> bool {
+        *self.ends_aside.get_or_init(|| ends_aside(&self.variables, |method| self.recorded(method)))
     }
 
     fn recorded(&self, method: Method) -> Recording {

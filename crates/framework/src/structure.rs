@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::recording::{Leaf, Method, Node, Recording};
+use crate::recording::{Leaf, Method, Node, Operation, Recording, Tape};
 use crate::system::{Causality, DynSystem, Element, Section, Variables};
 
 /// A value's place in the block: of reals, or of integers.
@@ -124,4 +124,48 @@ fn prepared_from(place: usize, variables: &Variables) -> Vec<Place> {
     let of_part = variables.iter().filter(|v| v.section == Section::Parameter && part(&v.name) == of);
     let shown = of_part.filter(|v| v.causality == Causality::Parameter && !variables.is_control(v));
     shown.flat_map(|v| v.elements().map(|element| Place::of(variables, element)).collect::<Vec<_>>()).collect()
+}
+
+/// True if the end of a communication step stands aside: what it changes is read only by such ends and by events, not by
+/// signals, rates, indicators and the times of events, and neither it nor a check reads rates.
+pub(crate) fn ends_aside(variables: &Variables, recorded: impl Fn(Method) -> Recording) -> bool {
+    // A part of a composite is never stepped by itself.
+    let memory = variables.integers(Section::Memory).start;
+    let is_never_set = |tape: &Tape, node| match tape.operation(node) {
+        Operation::Leaf(Leaf::Integer(place)) => {
+            variables.never_stepped.iter().any(|flag| memory + flag == *place as usize).then_some(false)
+        }
+        _ => None,
+    };
+    let recorded = |method| recorded(method).simplified(&is_never_set);
+    let end = recorded(Method::StepCompleted);
+    let node = |recording: &Recording, leaf| match leaf {
+        Leaf::Real(place) => recording.reals.get(place as usize).copied(),
+        Leaf::Integer(place) => recording.integers.get(place as usize).copied(),
+        _ => None,
+    };
+    let changes = |recording: &Recording, leaf: Leaf| {
+        node(recording, leaf).is_some_and(|node| *recording.tape.operation(node) != Operation::Leaf(leaf))
+    };
+    let computed = [Section::State, Section::Connected, Section::Signal, Section::Derivative];
+    let is_in = |sections: &[Section], leaf: Leaf| {
+        let is_there =
+            |place: u32| sections.iter().any(|&section| variables.reals(section).contains(&(place as usize)));
+        matches!(leaf, Leaf::Real(place) if is_there(place))
+    };
+    let reals = (0..variables.reals(Section::Memory).end).map(|place| Leaf::Real(place as u32));
+    let leaves = reals.chain((0..variables.integers(Section::Memory).end).map(|place| Leaf::Integer(place as u32)));
+    // What a method computes: of the values, those that change.
+    let reads = |method, is_read: &dyn Fn(Leaf) -> bool| {
+        let recording = if method == Method::StepCompleted { &end } else { &recorded(method) };
+        let changed = leaves.clone().filter(|&leaf| changes(recording, leaf)).filter_map(|leaf| node(recording, leaf));
+        let wanted: Vec<Node> = changed.chain(recording.results.iter().copied()).collect();
+        recording.tape.dependence(&wanted, is_read).iter().any(|leaves| !leaves.is_empty())
+    };
+    let is_rate = |leaf| is_in(&[Section::Derivative], leaf);
+    !leaves.clone().any(|leaf| changes(&end, leaf) && is_in(&computed, leaf))
+        && ![Method::Evaluate, Method::Indicators, Method::NextTimeEvent]
+            .into_iter()
+            .any(|it| reads(it, &|leaf| changes(&end, leaf)))
+        && ![Method::StepCompleted, Method::Check].into_iter().any(|it| reads(it, &is_rate))
 }

@@ -2,7 +2,10 @@
 
 use super::Execution;
 use crate::error::StepError;
-use crate::integrator::{IntegrationMethod, Problem, Workspace};
+use crate::integrator::{IntegrationMethod, Problem, SPELL, Workspace};
+
+/// Part of a step by which another in the same go may differ.
+const SAME_LENGTH: f64 = 1e-6;
 
 /// Receives the values at a communication point: its number, reals, integers.
 type Give<'a> = dyn FnMut(usize, &[f64], &[i32]) + 'a;
@@ -14,16 +17,19 @@ impl Execution {
     ///
     /// `give` gets the values at each of the times but the first, rates only if they are asked for. Returns the number of steps that were taken; what isn't
     /// taken is left to [`Execution::step`]: what it refuses or can't finish, and a first step after parameters or inputs
-    /// were set.
+    /// were set. A go ends after some 30 ms of work, and where a step has another length.
     pub fn steps(&mut self, times: &[f64], with_rates: bool, give: &mut Give) -> usize {
-        let mut taken = 0;
-        while taken + 1 < times.len() && self.goes_on_by_itself() {
+        let step = times[1] - times[0];
+        let is_other = |two: &[f64]| (two[1] - two[0] - step).abs() > SAME_LENGTH * step;
+        let times = &times[..=times.windows(2).position(is_other).unwrap_or(times.len() - 1)];
+        let (mut taken, mut work) = (0, 0.0);
+        while taken + 1 < times.len() && work < SPELL && self.goes_on_by_itself() {
             let further = self.working(|execution, workspace| {
                 let give = &mut |k, reals: &[f64], integers: &[i32]| give(taken + k, reals, integers);
                 execution.steps_with(workspace, &times[taken..], with_rates, give)
             });
-            let Ok(further) = further else { break };
-            taken += further;
+            let Ok((further, its_work)) = further else { break };
+            (taken, work) = (taken + further, work + its_work);
         }
         taken
     }
@@ -36,6 +42,7 @@ impl Execution {
             && !self.leaves_events
             && self.values().get(controls.started)
             && !self.values().get(controls.parameters_set)
+            && self.model.ends_aside()
             && self.model.system().own_step().is_none()
             && self.settings().method != IntegrationMethod::Fixed
     }
@@ -46,7 +53,7 @@ impl Execution {
         times: &[f64],
         with_rates: bool,
         give: &mut Give,
-    ) -> Result<usize, StepError> {
+    ) -> Result<(usize, f64), StepError> {
         workspace.keep(&self.block.reals, &self.block.integers);
         let waiting = self.log.len();
         self.set_time(times[0]);
@@ -55,7 +62,7 @@ impl Execution {
             workspace.bring_back(&mut self.block.reals, &mut self.block.integers);
             self.log.truncate(waiting);
         }
-        taken
+        taken.map(|taken| (taken, workspace.driver.work()))
     }
 
     fn try_steps(

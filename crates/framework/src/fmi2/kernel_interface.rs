@@ -56,8 +56,8 @@ pub unsafe fn has_kernel(c: Component) -> Boolean {
 }
 
 /// Takes communication steps from the first of `count` times to the last, and writes `width` values of any type but texts
-/// behind each, one row a step. Returns the number of steps that were taken. For what isn't taken, an ordinary step says
-/// why it can't be.
+/// behind each, one row a step. Returns the number of steps that were taken. For what isn't taken, the message of an
+/// ordinary step gives the reason.
 ///
 /// # Safety
 /// The instance is alive and in no other call. All pointers are those of as many elements as there are: times, references, and
@@ -72,7 +72,7 @@ pub unsafe fn do_steps(
 ) -> usize {
     let mut taken = 0;
     call(c, Function::DoStep, |instance| {
-        let values = count.saturating_sub(1) * width;
+        let Some(values) = count.saturating_sub(1).checked_mul(width) else { return Ok(Status::Ok) };
         // SAFETY: as this function asks of its caller.
         let arrays = unsafe { array(times, count).zip(array(references, width)).zip(array_mut(rows, values)) };
         if let Some(((times, references), rows)) = arrays {

@@ -47,7 +47,9 @@ impl Instance {
                 *value = reals.get(place).copied().unwrap_or_else(integer);
             }
         });
-        self.log_method();
+        if taken > 0 {
+            self.log_method();
+        }
         taken
     }
 

@@ -5,10 +5,12 @@
 //! Differential Equations I, 2nd ed. (Springer 1993), II.6. c₁ is the difference of the ends' states, and c₂ and c₃ follow
 //! from the rates at both ends (Hermite's polynomial of degree 3); the others are the method's own.
 
+use std::ops::Range;
+
 use super::driver::Driver;
-use super::indicators::evaluated;
 use super::{Pace, Problem, Start};
 use crate::error::StepError;
+use crate::system::Section;
 
 /// c₁ to c₇ of one state.
 pub type Coefficients = [f64; 7];
@@ -20,8 +22,41 @@ pub type AtPoint<'a> = dyn FnMut(&mut Problem, usize) -> Result<(), StepError> +
 #[derive(Debug, Default)]
 pub(super) struct Dense {
     rows: Vec<Coefficients>,
-    /// Values of an evaluation at the substep's end.
+    /// Inputs, states, signals and rates at the substep's end.
     end: Vec<f64>,
+    /// Event indicators at a point.
+    indicators: Vec<f64>,
+}
+
+impl Dense {
+    /// Stores what interpolation overwrites.
+    fn store(&mut self, problem: &Problem) {
+        self.end.clear();
+        written(problem).into_iter().for_each(|range| self.end.extend_from_slice(&problem.reals[range]));
+    }
+
+    /// Restores what was stored. What the ends of communication steps have changed stays.
+    fn restore(&self, problem: &mut Problem) {
+        let mut stored = &self.end[..];
+        for range in written(problem) {
+            let (first, rest) = stored.split_at(range.len());
+            problem.reals[range].copy_from_slice(first);
+            stored = rest;
+        }
+    }
+
+    /// Puts the states to those at a time within the substep h.
+    fn states(&self, problem: &mut Problem, start: &Start, h: f64, time: f64) {
+        let s = (time - start.time) / h;
+        let states = problem.states().iter_mut().zip(&start.states).zip(&self.rows);
+        states.for_each(|((x, &x0), &row)| *x = at(x0, row, s));
+    }
+}
+
+/// Values that a substep writes: inputs and states, and what follows from them. Discrete values lie in between.
+fn written(problem: &Problem) -> [Range<usize>; 2] {
+    let of = |section| problem.variables.reals(section);
+    [of(Section::Input).start..of(Section::State).end, of(Section::Connected).start..of(Section::Derivative).end]
 }
 
 /// Hermite's polynomials through the ends of a substep h, with the problem evaluated at its end.
@@ -41,9 +76,18 @@ fn at(x0: f64, [c1, c2, c3, c4, c5, c6, c7]: Coefficients, s: f64) -> f64 {
     x0 + s * (c1 + r * (c2 + s * (c3 + r * (c4 + s * (c5 + r * (c6 + s * c7))))))
 }
 
+/// Result of passing points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Passed {
+    /// All points on its way.
+    All,
+    /// An indicator has left its side at the point of this number, though it is back at the substep's end.
+    Left(usize),
+}
+
 impl Driver {
     /// Gives the problem at the points that the substep to t has passed, but for the last of them, where the step ends.
-    /// `passed` is the number of points that are done. At an event, the values at its time are those after it.
+    /// `passed` is the number of points that are done. At a state event, the values at its time are those after it.
     pub(super) fn pass(
         &mut self,
         problem: &mut Problem,
@@ -51,26 +95,41 @@ impl Driver {
         (t, is_event): (f64, bool),
         pace: &Pace,
         at_point: &mut AtPoint,
-    ) -> Result<(), StepError> {
-        let is_passed = |time: f64| time < t || (time == t && !is_event);
-        if !times[*passed + 1..times.len() - 1].first().is_some_and(|&time| is_passed(time)) {
-            return Ok(());
+    ) -> Result<Passed, StepError> {
+        let last = times.len() - 1;
+        let is_next = |k: usize| k < last && (times[k] < t || (times[k] == t && !is_event));
+        if !is_next(*passed + 1) {
+            return Ok(Passed::All);
         }
-        self.work = 0.0;
-        let range = evaluated(problem.variables);
         let h = t - self.start.time;
         self.dense.rows.resize(self.start.states.len(), [0.0; 7]);
-        self.dense.end.clear();
-        self.dense.end.extend_from_slice(&problem.reals[range.clone()]);
+        self.dense.store(problem);
         self.methods.in_force(pace).between(problem, &self.start, h, &mut self.dense.rows);
-        while let Some(&time) = times[*passed + 1..times.len() - 1].first().filter(|&&time| is_passed(time)) {
-            let s = (time - self.start.time) / h;
-            let states = problem.states().iter_mut().zip(&self.start.states).zip(&self.dense.rows);
-            states.for_each(|((x, &x0), &row)| *x = at(x0, row, s));
-            *passed += 1;
-            at_point(problem, *passed)?;
+        let mut result = Passed::All;
+        while is_next(*passed + 1) && result == Passed::All {
+            let time = times[*passed + 1];
+            self.dense.states(problem, &self.start, h, time);
+            self.work += self.methods.evaluation();
+            if self.has_left(problem, time) && !is_event {
+                result = Passed::Left(*passed + 1);
+            } else {
+                *passed += 1;
+                at_point(problem, *passed)?;
+            }
         }
-        problem.reals[range].copy_from_slice(&self.dense.end);
-        Ok(())
+        self.dense.restore(problem);
+        self.work_before = self.work;
+        Ok(result)
+    }
+
+    /// True if an indicator isn't on its side at the problem's states.
+    fn has_left(&mut self, problem: &mut Problem, time: f64) -> bool {
+        if self.indicators.is_empty() {
+            return false;
+        }
+        problem.evaluate_signals(time);
+        self.dense.indicators.resize(problem.variables.indicators().len(), 0.0);
+        problem.event_indicators(time, &mut self.dense.indicators);
+        self.indicators.any_left(&self.dense.indicators)
     }
 }

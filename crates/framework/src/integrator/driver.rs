@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::dense::{AtPoint, Dense};
+use super::dense::{AtPoint, Dense, Passed};
 use super::events::EventCount;
 use super::fixed::RungeKutta;
 use super::indicators::Indicators;
@@ -21,6 +21,8 @@ const GROW: f64 = 5.0;
 const STRETCH: f64 = 1.001;
 /// Growth within a communication step from which a mode that keeps the step from being finished counts as escaping.
 const ESCAPES: f64 = 1e6;
+/// Several communication steps in one go end after this work: a master looks at time and values now and then.
+pub const SPELL: f64 = 3e7;
 /// Number of doublings of the shortest step in the search for the place where the equations cease to hold.
 const LOOK_AHEAD: i32 = 12;
 /// Shorter substeps can't be halved: their lengths are subnormal numbers.
@@ -35,8 +37,9 @@ pub struct Driver {
     outputs: Outputs,
     pub(super) indicators: Indicators,
     pub(super) dense: Dense,
-    /// Work of the communication step so far, in elementary operations.
+    /// Work so far, in elementary operations, and what of it was before the present communication step.
     pub(super) work: f64,
+    pub(super) work_before: f64,
 }
 
 impl std::fmt::Debug for Driver {
@@ -60,6 +63,7 @@ impl Driver {
             indicators: Indicators::new(variables.indicators().len(), variables),
             dense: Dense::default(),
             work: 0.0,
+            work_before: 0.0,
         }
     }
 
@@ -85,6 +89,11 @@ impl Driver {
         self.methods.forget_choices();
     }
 
+    /// Work of the last advance, in elementary operations.
+    pub fn work(&self) -> f64 {
+        self.work
+    }
+
     /// Magnitudes of the states.
     pub fn nominals(&self) -> &[f64] {
         &self.nominals
@@ -105,8 +114,9 @@ impl Driver {
         self.advance_through(problem, &[t0, t1], settings, pace, &mut |_, _| Ok(())).map(drop)
     }
 
-    /// Advances a problem from the first of these times as far as it goes without a stop at each: to the last, or to the first
-    /// that isn't before an event. Returns the place of that time; `at_point` gets the problem at those before it.
+    /// Advances a problem from the first of these times as far as it goes without a stop at each: to the last, to the first
+    /// that isn't before an event, or to one after [`SPELL`]. Returns the place of that time; `at_point` gets the problem at those
+    /// before it. More than one step is limited to that work, too.
     ///
     /// # Errors
     /// As [`Driver::advance`].
@@ -163,8 +173,9 @@ impl Driver {
     ) -> Result<usize, StepError> {
         let mut events = EventCount::new((times[0], times[1]), settings);
         let (mut t, mut substeps, mut passed) = (times[0], 0, 0);
+        let most_work = if times.len() > 2 { settings.most_work.min(SPELL) } else { settings.most_work };
         self.methods.restart();
-        self.work = 0.0;
+        (self.work, self.work_before) = (0.0, 0.0);
         self.indicators.restart();
         if self.jumped(problem, t) {
             self.handle_events(problem, (t, times[1]), &mut events, false)?;
@@ -177,19 +188,25 @@ impl Driver {
                 event if event < t1 - events.slack() => event.max(t),
                 _ => t1,
             };
-            let state_event = target > t
+            let mut state_event = target > t
                 && if self.is_at_rest() {
                     self.wait(problem, &mut t, target)
                 } else {
                     self.substep(problem, &mut t, target, settings, pace)?
                 };
             substeps += 1;
-            if self.work > settings.most_work {
+            if self.work - self.work_before > most_work {
                 let step = times[1] - times[0];
                 return Err(self.overworked(problem, t, step, (events.total(), substeps), pace));
             }
             check_divergence(problem, t, settings.divergence_limit)?;
-            self.pass(problem, (&times[..=end], &mut passed), (t, state_event), pace, at_point)?;
+            let way = (&times[..=end], &mut passed);
+            if let Passed::Left(k) = self.pass(problem, way, (t, state_event), pace, at_point)? {
+                state_event = self.locate_before(problem, &mut t, (times[k - 1], times[k]), settings, pace)?;
+            }
+            if self.work > SPELL {
+                end = passed + 1;
+            }
             let is_left = settings.leaves_end && t >= t1 && !state_event;
             if !is_left && (state_event || events.time_event_due(problem, t, t1)) {
                 // What comes behind an event may be other events.
@@ -249,7 +266,7 @@ impl Driver {
                     self.methods.judge((h, whole), pace);
                 }
                 let end = if whole { target } else { *t + h };
-                return self.locate_event(problem, t, end, settings, pace);
+                return self.locate_event(problem, t, (*t, end), settings, pace);
             }
             h *= if estimate.scaled.is_finite() { growth(estimate.scaled, estimate.order).min(SAFETY) } else { SHRINK };
             if self.own_step_ends(problem, *t, (h, settings.relative_tolerance), estimate.scaled) {

@@ -73,7 +73,7 @@ mod workspace;
 
 pub use chosen::{Chosen, Integrates};
 pub use dense::{AtPoint, Coefficients};
-pub use driver::Driver;
+pub use driver::{Driver, SPELL};
 pub(crate) use driver::{check_divergence, check_values};
 pub(crate) use elimination::{LOST, Pattern};
 pub use methods::{IntegrationMethod, MOST_EVIDENCE, Pace};
@@ -251,7 +251,7 @@ impl<'a> Problem<'a> {
         self.equations().event_indicators(t, &self.values(), z);
     }
 
-    /// Tells the system that a communication step of this length ended at t.
+    /// Has the system take note that a communication step of this length ended at t.
     pub(crate) fn step_completed(&mut self, t: f64, step: f64) {
         self.equations().step_completed(t, step, &mut self.point());
     }

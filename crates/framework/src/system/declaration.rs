@@ -242,6 +242,8 @@ impl Declaration {
         let start = self.integer_memory(1);
         if self.part.is_none() {
             self.variables.stepped = Some(start);
+        } else {
+            self.variables.never_stepped.push(start + self.base(Section::Memory, false));
         }
         BooleanOf { start, class: PhantomData }
     }

@@ -347,6 +347,8 @@ pub struct Variables {
     pub(super) warnings: Vec<(&'static str, &'static str)>,
     /// Place of the flag in the integers' memory by which a system knows that it is stepped, if it asked for it.
     pub(super) stepped: Option<usize>,
+    /// Places of the same flags of a composite's parts, which are never set.
+    pub(crate) never_stepped: Vec<usize>,
     /// Number of the system's own variables; those that every model has come after them.
     pub(super) own: usize,
     /// The clocks of sampled laws, by places among the discrete reals.
@@ -475,11 +477,9 @@ impl Variables {
 
     /// The element at a place of a section of reals.
     pub fn real_at(&self, section: Section, place: usize) -> Option<Element<'_>> {
-        self.list
-            .iter()
-            .filter(|v| v.section == section && v.is_real())
-            .find(|v| (v.start..v.start + v.len()).contains(&place))
-            .map(|v| v.element(place - v.start))
+        let mut reals = self.list.iter().filter(|v| v.section == section && v.is_real());
+        let found = reals.find(|v| (v.start..v.start + v.len()).contains(&place));
+        found.map(|v| v.element(place - v.start))
     }
 
     /// Everything that was declared: variables, event indicators, warnings.

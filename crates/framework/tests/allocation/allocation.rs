@@ -190,7 +190,8 @@ fn a_step_of_a_composite_allocates_nothing() {
         unit.start(0.0);
         assert_eq!(allocations(&unit, 1e-3, 300), [0; 3], "integration method {method}");
         // Several in one go, once there is a place for what is between them.
-        let (times, y) = ([0.3, 0.4, 0.5, 0.6].map(|t| [t, t + 0.03, t + 0.06, t + 0.1]), unit.reference("plant.y[1]"));
+        let (times, y) =
+            ([0.3, 0.36, 0.42, 0.48].map(|t| [t, t + 0.02, t + 0.04, t + 0.06]), unit.reference("plant.y[1]"));
         let taken = times.map(|times| {
             let before = COUNT.get();
             let mut rows = [0.0; 3];

@@ -167,3 +167,117 @@ fn loops_have_the_values_of_single_steps_within_the_tolerance() {
         assert!(worst < 2e-5, "{name}: {worst:e}");
     }
 }
+
+/// q'' = −ω² q from q = 1 at rest, so that q = cos ωt. An event counts how often q exceeds a threshold, each step how many
+/// there were.
+struct Pendulum {
+    omega: ScalarOf<Parameter>,
+    threshold: ScalarOf<Parameter>,
+    q: ScalarOf<State>,
+    w: ScalarOf<State>,
+    peaks: ScalarOf<Discrete>,
+    steps: ScalarOf<Discrete>,
+    largest: ScalarOf<Discrete>,
+}
+
+impl System for Pendulum {
+    type Structure = NoStructure;
+    const NAME: &'static str = "pendulum";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        d.indicators(["threshold"]);
+        Ok(Pendulum {
+            omega: d.parameter(scalar("omega", "frequency").start(1.0)),
+            threshold: d.parameter(scalar("threshold", "what is exceeded").start(0.999)),
+            q: d.state(scalar("q", "position").start(1.0)),
+            w: d.state(scalar("w", "velocity")),
+            peaks: d.discrete(scalar("peaks", "how often the threshold was exceeded")),
+            steps: d.discrete(scalar("steps", "number of steps")),
+            largest: d.discrete(scalar("largest", "largest position at the end of a step").start(-1.0)),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.q] = v[self.w];
+        dx[self.w] = -v[self.omega] * v[self.omega] * v[self.q];
+    }
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        z[0] = v[self.q] - v[self.threshold];
+    }
+    fn event<S: Scalar>(&self, _t: S, _: &[S::Flag], v: &mut Point<S>) {
+        let rises = v[self.w].above(S::from(0.0));
+        v.when(rises, |v| v[self.peaks] += 1.0);
+    }
+    fn step_completed<S: Scalar>(&self, _t: S, _step: S, v: &mut Point<S>) {
+        v[self.steps] += 1.0;
+        let (q, largest) = (v[self.q], v[self.largest]);
+        v[self.largest] = S::select(q.above(largest), q, largest);
+    }
+}
+
+#[test]
+fn what_the_ends_of_steps_count_is_counted_at_each() {
+    let times = times(0.02, 400);
+    let mut run = Run::of::<Pendulum>("threshold = 2.0", 0.0);
+    let variables = run.0.model().variables();
+    let places = ["q", "steps", "largest"].map(|name| variables.index(variables.find(name).unwrap()));
+    let rows = rows(&mut run.0, &times, &places, true);
+    let mut largest = f64::MIN;
+    for (k, row) in rows.iter().enumerate() {
+        largest = largest.max(row[0]);
+        assert_eq!(row[1..], [(k + 1) as f64, largest], "{k}");
+    }
+    assert_eq!([run.get("steps"), run.get("largest")], [400.0, largest]);
+}
+
+#[test]
+fn what_reads_the_ends_of_steps_is_stepped_singly() {
+    let times = times(0.01, 10);
+    let mut run = Run::of::<Odometer>("full = 0.035", 0.0);
+    run.step(0.01);
+    assert_eq!(run.0.steps(&times[1..], false, &mut |_, _, _| ()), 0, "its output is that of its counter");
+    let goes = |name: &String| {
+        let mut execution = Execution::new(model(&whole(name)).unwrap());
+        execution.initialise().unwrap();
+        let step = execution.model().description().experiment.step;
+        execution.step(0.0, step).unwrap();
+        execution.steps(&[step, 2.0 * step, 3.0 * step], false, &mut |_, _, _| ()) > 0
+    };
+    let names = loop_names();
+    let others: Vec<_> = names.iter().filter(|name| !goes(name)).collect();
+    // The sampled form of robust MRAC, which reads it, is the same system.
+    assert_eq!(others, ["6.5.1-mrac", "6.5.2-mrac"]);
+}
+
+#[test]
+fn what_leaves_its_side_for_a_few_points_within_a_substep_is_found() {
+    let mut random = Random::new(3);
+    for _ in 0..20 {
+        let threshold = 1.0 - 10.0_f64.powf(-2.0 - 3.0 * (0.5 + 0.5 * random.next()));
+        // Three to ten points for each time above it.
+        let above = 2.0 * threshold.acos();
+        let step = above / (3.0 + 7.0 * (0.5 + 0.5 * random.next()));
+        let steps = (20.0 / step) as u32;
+        let times = times(step, steps);
+        let mut run = Run::of::<Pendulum>(&format!("threshold = {threshold}\nrelative_tolerance = 1e-9"), 0.0);
+        let found = values(&mut run, &times, "peaks");
+        for (peaks, &t) in found.iter().zip(&times[1..]) {
+            let phase = (t + 0.5 * above) / std::f64::consts::TAU;
+            let is_near = (phase - phase.round()).abs() < 1e-4;
+            assert!(is_near || *peaks == phase.floor(), "threshold {threshold}, step {step}, t = {t}: {peaks}");
+        }
+    }
+}
+
+#[test]
+fn a_go_ends_after_some_work_and_where_steps_get_another_length() {
+    let mut run = Run::of::<Pendulum>("omega = 1e5\nthreshold = 2.0", 0.0);
+    run.step(0.01);
+    let all = times(0.01, 1000);
+    let taken = run.0.steps(&all[1..], false, &mut |_, _, _| ());
+    assert!((1..500).contains(&taken), "{taken} steps of 1000 rad");
+    let mut run = Run::of::<Pendulum>("", 0.0);
+    run.step(0.01);
+    assert_eq!(run.0.steps(&[0.01, 0.02, 0.03, 0.035, 0.04], false, &mut |_, _, _| ()), 2);
+}

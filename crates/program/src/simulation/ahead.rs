@@ -1,5 +1,5 @@
-//! Steps that are taken in one go: a component that stands alone, as a loop that is one system does, depends on nothing that
-//! happens at its communication points.
+//! Steps that are taken in one go: a single component without connections, as a loop that is one system, depends on nothing
+//! that happens at its communication points.
 
 use crate::error::Error;
 use crate::fmu::Instance;
@@ -62,10 +62,11 @@ impl Ahead {
         let steps = self.times.len() - 1;
         self.rows.resize(steps * self.references.len(), 0.0);
         self.taken = instance.do_steps(&self.times, &self.references, &mut self.rows);
-        self.steps = (2 * self.steps).min(MOST);
         if self.taken == 0 {
-            self.singly = steps - 1;
+            (self.steps, self.singly) = (FEWEST, FEWEST - 1);
+            return false;
         }
-        self.taken > 0
+        self.steps = (2 * self.steps).min(MOST);
+        true
     }
 }
