@@ -24,7 +24,11 @@ const TAG: &str = "again";
 pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> {
     let earlier = results::earlier(folder)?;
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
-    let name = earlier.provenance.source.name.to_string_lossy().into_owned();
+    let stored = earlier.provenance.as_ref();
+    let stored = stored.ok_or_else(|| {
+        refuse("results of version 0.1.0 have no settings of their run. Run the loop again by its name".to_owned())
+    })?;
+    let name = stored.source.name.to_string_lossy().into_owned();
     LoopFiles::find(&name).map_err(|error| {
         refuse(format!(
             "the run used the loop `{name}`, relative to the folder in which it was started. From the current \
@@ -45,7 +49,7 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
         out: Some(arguments.out.clone().unwrap_or_else(|| folder_of_results.to_owned())),
         tag: Some(arguments.tag.clone().unwrap_or_else(|| TAG.to_owned())),
         tables,
-        options: options(&earlier.provenance.settings).map_err(refuse)?,
+        options: options(&stored.settings).map_err(refuse)?,
         open: arguments.open,
         json: arguments.json,
     };
@@ -54,7 +58,7 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
         return Err(refuse("the repeated run would replace these results. Choose another --tag".into()));
     }
     let done = run::run(&repeated, &name, &Bars::new(repeated.json))?;
-    let mut differences = done.provenance.differences(&earlier.provenance);
+    let mut differences = done.provenance.differences(stored);
     let ended = done.report().ending.word();
     if ended != earlier.ended {
         differences.push(format!("the run was {}, is {ended}", earlier.ended));

@@ -58,8 +58,8 @@ pub fn metrics_json(report: &Report, provenance: Option<&Provenance>, written: &
 pub struct Recorded {
     /// Their folder.
     pub folder: PathBuf,
-    /// Provenance of the results.
-    pub provenance: Provenance,
+    /// Provenance of the results; none in version 0.1.0.
+    pub provenance: Option<Provenance>,
     /// Settings of its tables.
     pub written: Value,
     /// Its ending.
@@ -82,16 +82,16 @@ impl Recorded {
         let refuse = |reason: String| Error::Loop { file: file.clone(), reason };
         let metrics = sealed::read(&file, "file of metrics")?.content;
         let format = metrics["versions"]["format"].as_u64();
-        if format.is_none() {
-            return Err(refuse("has no settings of its run. Run the loop again by its name".to_owned()));
+        if format.is_none() && !metrics["metrics"].is_array() {
+            return Err(refuse("has no metrics of a run".to_owned()));
         }
         if format > Some(FORMAT.into()) {
             return Err(refuse(format!(
                 "was written by a later version of this program. This version reads results up to format {FORMAT}"
             )));
         }
-        let provenance =
-            Provenance::deserialize(&metrics).map_err(|error| refuse(format!("can't be read: {error}")))?;
+        let provenance = format.map(|_| Provenance::deserialize(&metrics)).transpose();
+        let provenance = provenance.map_err(|error| refuse(format!("can't be read: {error}")))?;
         let text = |name: &str| metrics[name].as_str().unwrap_or_default().to_owned();
         let (ended, written) = (text("ended"), metrics["written"].clone());
         Ok(Recorded { folder: folder.to_owned(), provenance, written, ended, metrics })
@@ -132,38 +132,55 @@ impl Recorded {
         let file = self.folder.join(METRICS);
         let wrong =
             |error: serde_json::Error| Error::Loop { file: file.clone(), reason: format!("can't be read: {error}") };
-        let about = Vec::<About>::deserialize(&self.metrics["about"]).map_err(wrong)?;
+        // Version 0.1.0 stored neither what metrics are about nor units of measurement.
+        let about = Option::<Vec<About>>::deserialize(&self.metrics["about"]).map_err(wrong)?.unwrap_or_default();
         let measured = Vec::<Measured>::deserialize(&self.metrics["metrics"]).map_err(wrong)?;
-        let signals = Vec::<(String, String)>::deserialize(&self.metrics["signals"]).map_err(wrong)?;
+        let signals = Option::<Vec<(String, String)>>::deserialize(&self.metrics["signals"]).map_err(wrong)?;
         let recording = self.table(signals)?;
-        let asked = &self.provenance.settings;
-        let settings = Settings { start_time: asked.start_time, stop_time: asked.stop_time, step: asked.step };
+        let asked = self.provenance.as_ref().map(|provenance| &provenance.settings);
+        let times = &recording.times;
+        let settings = asked.map_or_else(
+            || Settings {
+                start_time: times[0],
+                stop_time: times[times.len() - 1],
+                step: times.get(1).map_or(1.0, |next| next - times[0]),
+            },
+            |asked| Settings { start_time: asked.start_time, stop_time: asked.stop_time, step: asked.step },
+        );
         let metric = |About { label, of, minus, funnel }| {
             let funnel = funnel.map(|[start, end, rate]| PerformanceFunction { start, end, rate });
             Metric { label, statistic: Statistic::Max, of, minus, funnel, from: settings.start_time, limit: None }
         };
         let text = |name: &str| self.metrics[name].as_str().unwrap_or_default().to_owned();
         let mut structure = Structure::bare(file, self.folder.display().to_string(), text("description"), settings);
-        structure.order = asked.order.as_deref().and_then(|order| order.parse().ok()).unwrap_or(structure.order);
+        structure.order = asked.and_then(|asked| asked.order.as_deref()?.parse().ok()).unwrap_or(structure.order);
         structure.metrics = about.into_iter().map(metric).collect();
         let ending = match self.ended.as_str() {
             "complete" => Ending::Complete,
             "interrupted" => Ending::Interrupted,
             _ => Ending::Failed("see its page".to_owned()),
         };
-        Ok(RecordedRun { structure, settings, whole: asked.composite, recording, measured, ending })
+        Ok(RecordedRun {
+            structure,
+            settings,
+            whole: asked.is_some_and(|asked| asked.composite),
+            recording,
+            measured,
+            ending,
+        })
     }
 
     /// Reads the table. Files of other programs are refused at the first line that doesn't fit.
-    fn table(&self, signals: Vec<(String, String)>) -> Result<Recording, Error> {
+    fn table(&self, signals: Option<Vec<(String, String)>>) -> Result<Recording, Error> {
         let file = self.folder.join(TABLE);
         let refuse =
             |line: usize, reason: &str| Error::Loop { file: file.clone(), reason: format!("line {line}: {reason}") };
         // The size isn't limited, since a long run has a long table.
         let text = std::fs::read_to_string(begun::path(&file)).map_err(Error::file(&file))?;
         let mut lines = text.lines();
-        let (names, measures): (Vec<_>, Vec<_>) = signals.into_iter().unzip();
         let head = csv_fields(lines.next().unwrap_or_default());
+        let without_units = || head.iter().skip(1).map(|name| (name.clone(), String::new())).collect();
+        let (names, measures): (Vec<_>, Vec<_>) = signals.unwrap_or_else(without_units).into_iter().unzip();
         if head.first().is_none_or(|time| time != "time") || head[1..] != names[..] {
             return Err(refuse(1, "must contain `time` and the signals in metrics.json"));
         }
