@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::recording::{Leaf, Method, Node, Operation, Recording, Tape};
+use crate::recording::{Leaf, Method, Node, Note, Operation, Recording, Tape};
 use crate::system::{Causality, DynSystem, Element, Section, Variables};
 
 /// A value's place in the block: of reals, or of integers.
@@ -159,7 +159,8 @@ pub(crate) fn ends_aside(variables: &Variables, recorded: impl Fn(Method) -> Rec
     let reads = |method, is_read: &dyn Fn(Leaf) -> bool| {
         let recording = if method == Method::StepCompleted { &end } else { &recorded(method) };
         let changed = leaves.clone().filter(|&leaf| changes(recording, leaf)).filter_map(|leaf| node(recording, leaf));
-        let wanted: Vec<Node> = changed.chain(recording.results.iter().copied()).collect();
+        let notes = recording.tape.notes().iter().map(Note::condition);
+        let wanted: Vec<Node> = changed.chain(recording.results.iter().copied()).chain(notes).collect();
         recording.tape.dependence(&wanted, is_read).iter().any(|leaves| !leaves.is_empty())
     };
     let is_rate = |leaf| is_in(&[Section::Derivative], leaf);

@@ -26,7 +26,10 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
     let stored = earlier.provenance.as_ref();
     let stored = stored.ok_or_else(|| {
-        refuse("results of version 0.1.0 have no settings of their run. Run the loop again by its name".to_owned())
+        refuse(
+            "has no settings of the run, as results of `simulate` and of version 0.1.0. Run the loop again by its name"
+                .to_owned(),
+        )
     })?;
     let name = stored.source.name.to_string_lossy().into_owned();
     LoopFiles::find(&name).map_err(|error| {

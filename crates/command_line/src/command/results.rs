@@ -58,7 +58,10 @@ pub fn tag(text: &str) -> Result<String, String> {
 pub fn earlier(folder: &Path) -> Result<Recorded, Error> {
     let earlier = Recorded::read(folder)?;
     if !earlier.check()? {
-        remark!("{}: results of version 0.1 have no checksums, so damage can't be detected", folder.display());
+        remark!(
+            "{}: results of `simulate` and of version 0.1 have no checksums, so damage can't be detected",
+            folder.display()
+        );
     }
     Ok(earlier)
 }

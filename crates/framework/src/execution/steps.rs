@@ -20,7 +20,8 @@ impl Execution {
     /// were set. A go ends after some 30 ms of work, and where a step has another length.
     pub fn steps(&mut self, times: &[f64], with_rates: bool, give: &mut Give) -> usize {
         let step = times[1] - times[0];
-        let is_other = |two: &[f64]| (two[1] - two[0] - step).abs() > SAME_LENGTH * step;
+        let is_other =
+            |two: &[f64]| (two[1] - two[0] - step).abs() > SAME_LENGTH * step + 4.0 * f64::EPSILON * two[1].abs();
         let times = &times[..=times.windows(2).position(is_other).unwrap_or(times.len() - 1)];
         let (mut taken, mut work) = (0, 0.0);
         while taken + 1 < times.len() && work < SPELL && self.goes_on_by_itself() {
@@ -28,7 +29,7 @@ impl Execution {
                 let give = &mut |k, reals: &[f64], integers: &[i32]| give(taken + k, reals, integers);
                 execution.steps_with(workspace, &times[taken..], with_rates, give)
             });
-            let Ok((further, its_work)) = further else { break };
+            let Some((further, its_work)) = further else { break };
             (taken, work) = (taken + further, work + its_work);
         }
         taken
@@ -53,12 +54,12 @@ impl Execution {
         times: &[f64],
         with_rates: bool,
         give: &mut Give,
-    ) -> Result<(usize, f64), StepError> {
+    ) -> Option<(usize, f64)> {
         workspace.keep(&self.block.reals, &self.block.integers);
         let waiting = self.log.len();
         self.set_time(times[0]);
-        let taken = self.try_steps(workspace, times, with_rates, give);
-        if taken.is_err() {
+        let taken = self.try_steps(workspace, times, with_rates, give).ok().filter(|&taken| taken > 0);
+        if taken.is_none() {
             workspace.bring_back(&mut self.block.reals, &mut self.block.integers);
             self.log.truncate(waiting);
         }
@@ -93,6 +94,9 @@ impl Execution {
         };
         let driver = &mut workspace.driver;
         let reached = driver.advance_through(&mut self.problem(), times, &settings, &mut next, &mut at_point)?;
+        if reached == 0 {
+            return Ok(0);
+        }
         self.keep_indicators(workspace);
         at_point(&mut self.problem(), reached)?;
         pace.write(next, &mut self.point());

@@ -32,7 +32,8 @@ impl Instance {
     pub fn do_steps(&mut self, times: &[f64], references: &[u32], rows: &mut [f64]) -> usize {
         let [first, second, ..] = *times else { return 0 };
         let rises = times.windows(2).all(|two| two[1] > two[0]) && times[times.len() - 1].is_finite();
-        let stops = self.stop_time.is_some_and(|stop| times[times.len() - 1] > stop);
+        let slack = point_slack(COMMUNICATION_POINT_SLACK, second - first, first);
+        let stops = self.stop_time.is_some_and(|stop| times[times.len() - 1] > stop + slack);
         if !rises || stops || self.check_step(first, second - first).is_err() {
             return 0;
         }

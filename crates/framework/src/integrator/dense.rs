@@ -76,18 +76,10 @@ fn at(x0: f64, [c1, c2, c3, c4, c5, c6, c7]: Coefficients, s: f64) -> f64 {
     x0 + s * (c1 + r * (c2 + s * (c3 + r * (c4 + s * (c5 + r * (c6 + s * c7))))))
 }
 
-/// Result of passing points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Passed {
-    /// All points on its way.
-    All,
-    /// An indicator has left its side at the point of this number, though it is back at the substep's end.
-    Left(usize),
-}
-
 impl Driver {
     /// Gives the problem at the points that the substep to t has passed, but for the last of them, where the step ends.
-    /// `passed` is the number of points that are done. At a state event, the values at its time are those after it.
+    /// `passed` is the number of points that are done. At a state event, the values at its time are those after it. Returns
+    /// false if an indicator isn't on its side at one of them: it was back at the substep's end.
     pub(super) fn pass(
         &mut self,
         problem: &mut Problem,
@@ -95,34 +87,33 @@ impl Driver {
         (t, is_event): (f64, bool),
         pace: &Pace,
         at_point: &mut AtPoint,
-    ) -> Result<Passed, StepError> {
+    ) -> Result<bool, StepError> {
         let last = times.len() - 1;
         let is_next = |k: usize| k < last && (times[k] < t || (times[k] == t && !is_event));
         if !is_next(*passed + 1) {
-            return Ok(Passed::All);
+            return Ok(true);
         }
         let h = t - self.start.time;
         self.dense.rows.resize(self.start.states.len(), [0.0; 7]);
         self.dense.store(problem);
         self.methods.in_force(pace).between(problem, &self.start, h, &mut self.dense.rows);
-        let mut result = Passed::All;
-        while is_next(*passed + 1) && result == Passed::All {
+        while is_next(*passed + 1) {
             let time = times[*passed + 1];
             self.dense.states(problem, &self.start, h, time);
             self.work += self.methods.evaluation();
-            if self.has_left(problem, time) && !is_event {
-                result = Passed::Left(*passed + 1);
-            } else {
-                *passed += 1;
-                at_point(problem, *passed)?;
+            if self.has_left(problem, time) {
+                return Ok(false);
             }
+            *passed += 1;
+            at_point(problem, *passed)?;
         }
         self.dense.restore(problem);
         self.work_before = self.work;
-        Ok(result)
+        Ok(true)
     }
 
-    /// True if an indicator isn't on its side at the problem's states.
+    /// True if an indicator isn't on its side at the problem's states. Where single steps might see it otherwise, as at a zero
+    /// that it rests at, that is no harm: they are taken then.
     fn has_left(&mut self, problem: &mut Problem, time: f64) -> bool {
         if self.indicators.is_empty() {
             return false;

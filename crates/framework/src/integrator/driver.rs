@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::dense::{AtPoint, Dense, Passed};
+use super::dense::{AtPoint, Dense};
 use super::events::EventCount;
 use super::fixed::RungeKutta;
 use super::indicators::Indicators;
@@ -116,7 +116,8 @@ impl Driver {
 
     /// Advances a problem from the first of these times as far as it goes without a stop at each: to the last, to the first
     /// that isn't before an event, or to one after [`SPELL`]. Returns the place of that time; `at_point` gets the problem at those
-    /// before it. More than one step is limited to that work, too.
+    /// before it. More than one step is limited to that work, too. Returns 0 if an event lies so between points that single
+    /// steps are needed to locate it; the problem is then anywhere in between.
     ///
     /// # Errors
     /// As [`Driver::advance`].
@@ -188,7 +189,7 @@ impl Driver {
                 event if event < t1 - events.slack() => event.max(t),
                 _ => t1,
             };
-            let mut state_event = target > t
+            let state_event = target > t
                 && if self.is_at_rest() {
                     self.wait(problem, &mut t, target)
                 } else {
@@ -200,9 +201,8 @@ impl Driver {
                 return Err(self.overworked(problem, t, step, (events.total(), substeps), pace));
             }
             check_divergence(problem, t, settings.divergence_limit)?;
-            let way = (&times[..=end], &mut passed);
-            if let Passed::Left(k) = self.pass(problem, way, (t, state_event), pace, at_point)? {
-                state_event = self.locate_before(problem, &mut t, (times[k - 1], times[k]), settings, pace)?;
+            if !self.pass(problem, (&times[..=end], &mut passed), (t, state_event), pace, at_point)? {
+                return Ok(0);
             }
             if self.work > SPELL {
                 end = passed + 1;
@@ -266,7 +266,7 @@ impl Driver {
                     self.methods.judge((h, whole), pace);
                 }
                 let end = if whole { target } else { *t + h };
-                return self.locate_event(problem, t, (*t, end), settings, pace);
+                return self.locate_event(problem, t, end, settings, pace);
             }
             h *= if estimate.scaled.is_finite() { growth(estimate.scaled, estimate.order).min(SAFETY) } else { SHRINK };
             if self.own_step_ends(problem, *t, (h, settings.relative_tolerance), estimate.scaled) {

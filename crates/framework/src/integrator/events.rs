@@ -313,29 +313,14 @@ impl Driver {
         StepError::Accumulation { indicator: indicator(problem, i), events, close, time }
     }
 
-    /// The same as [`Driver::locate_event`] for a substep that goes on, of which `high` is a point where an indicator isn't on its
-    /// side, unlike at `low` before it.
-    pub(super) fn locate_before(
-        &mut self,
-        problem: &mut Problem,
-        t: &mut f64,
-        (low, high): (f64, f64),
-        settings: &Settings,
-        pace: &mut Pace,
-    ) -> Result<bool, StepError> {
-        *t = self.start.time;
-        self.attempt(problem, high - *t, settings, pace);
-        self.locate_event(problem, t, (low.max(*t), high), settings, pace)
-    }
-
-    /// Moves to the end of an accepted substep, or to the first event indicator that changes its sign before, after a time
-    /// until which none does. The substep is repeated with the lengths of a bracketing search: regula falsi, and a bisection whenever that
+    /// Moves to the end of an accepted substep, or to the first event indicator that changes its sign before. The
+    /// substep is repeated with the lengths of a bracketing search: regula falsi, and a bisection whenever that
     /// fails to halve the bracket. So an event is as accurate as the method itself, whichever it is.
     pub(super) fn locate_event(
         &mut self,
         problem: &mut Problem,
         t: &mut f64,
-        (from, end): (f64, f64),
+        end: f64,
         settings: &Settings,
         pace: &mut Pace,
     ) -> Result<bool, StepError> {
@@ -355,7 +340,7 @@ impl Driver {
             high = within;
         }
         self.indicators.span = end - *t;
-        let (mut low, mut bisect) = (from - *t, false);
+        let (mut low, mut bisect) = (0.0, false);
         let shortest = (FINEST * high).max(SHORTEST);
         while high - low > shortest.max(4.0 * f64::EPSILON * (self.start.time + high).abs()) {
             let width = shortest.max(4.0 * f64::EPSILON * (self.start.time + high).abs());

@@ -220,6 +220,9 @@ impl System for Pendulum {
 fn what_the_ends_of_steps_count_is_counted_at_each() {
     let times = times(0.02, 400);
     let mut run = Run::of::<Pendulum>("threshold = 2.0", 0.0);
+    run.step(0.02);
+    assert!(run.0.steps(&times[1..], false, &mut |_, _, _| ()) > 100, "in one go");
+    let mut run = Run::of::<Pendulum>("threshold = 2.0", 0.0);
     let variables = run.0.model().variables();
     let places = ["q", "steps", "largest"].map(|name| variables.index(variables.find(name).unwrap()));
     let rows = rows(&mut run.0, &times, &places, true);
@@ -280,4 +283,56 @@ fn a_go_ends_after_some_work_and_where_steps_get_another_length() {
     let mut run = Run::of::<Pendulum>("", 0.0);
     run.step(0.01);
     assert_eq!(run.0.steps(&[0.01, 0.02, 0.03, 0.035, 0.04], false, &mut |_, _, _| ()), 2);
+}
+
+/// z = x rests at zero until t = 1, and then moves: x' = 3 (t − 1)². Another indicator is 2 − t.
+struct Rest {
+    x: ScalarOf<State>,
+    events: ScalarOf<Discrete>,
+    steps: ScalarOf<Discrete>,
+}
+
+impl System for Rest {
+    type Structure = NoStructure;
+    const NAME: &'static str = "rest";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        d.indicators(["", ""]);
+        Ok(Rest {
+            x: d.state(scalar("x", "state")),
+            events: d.discrete(scalar("events", "number of events")),
+            steps: d.discrete(scalar("steps", "number of steps")),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, t: S, _v: &Values<S>, dx: &mut Rates<S>) {
+        let late = t.above(S::from(1.0));
+        dx[self.x] = S::select(late, (t - 1.0) * (t - 1.0) * 3.0, S::from(0.0));
+    }
+    fn event_indicators<S: Scalar>(&self, t: S, v: &Values<S>, z: &mut [S]) {
+        z[0] = v[self.x];
+        z[1] = -t + 2.0;
+    }
+    fn event<S: Scalar>(&self, _t: S, _: &[S::Flag], v: &mut Point<S>) {
+        v[self.events] += 1.0;
+    }
+    fn step_completed<S: Scalar>(&self, _t: S, _step: S, v: &mut Point<S>) {
+        v[self.steps] += 1.0;
+    }
+}
+
+#[test]
+fn an_indicator_that_rests_at_zero_has_the_events_of_single_steps() {
+    for step in [0.01, 0.013, 0.1] {
+        let times = times(step, (3.0 / step) as u32);
+        let found = [false, true].map(|in_one_go| {
+            let mut run = Run::of::<Rest>("", 0.0);
+            let variables = run.0.model().variables();
+            let places = ["events", "steps"].map(|name| variables.index(variables.find(name).unwrap()));
+            rows(&mut run.0, &times, &places, in_one_go)
+        });
+        assert_eq!(found[0], found[1], "{step}");
+        assert_eq!(found[1].last().unwrap()[1], (times.len() - 1) as f64);
+    }
 }

@@ -58,7 +58,7 @@ pub fn metrics_json(report: &Report, provenance: Option<&Provenance>, written: &
 pub struct Recorded {
     /// Their folder.
     pub folder: PathBuf,
-    /// Provenance of the results; none in version 0.1.0.
+    /// Provenance of the results; none of `simulate`, and in version 0.1.0.
     pub provenance: Option<Provenance>,
     /// Settings of its tables.
     pub written: Value,
@@ -82,7 +82,7 @@ impl Recorded {
         let refuse = |reason: String| Error::Loop { file: file.clone(), reason };
         let metrics = sealed::read(&file, "file of metrics")?.content;
         let format = metrics["versions"]["format"].as_u64();
-        if format.is_none() && !metrics["metrics"].is_array() {
+        if format.is_none() && !(metrics["versions"].is_null() && metrics["metrics"].is_array()) {
             return Err(refuse("has no metrics of a run".to_owned()));
         }
         if format > Some(FORMAT.into()) {
