@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use adaptive_fmu::begun;
 use adaptive_fmu::error::Error;
-use adaptive_fmu::results::{Asked, Mark, TABLE};
+use adaptive_fmu::results::{Asked, Mark, Recorded, TABLE};
 use adaptive_fmu::structure::LoopFiles;
 use serde_json::json;
 
@@ -22,7 +22,7 @@ const TAG: &str = "again";
 
 /// Runs it with the settings stored in its results, and prints the differences. The earlier results stay.
 pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> {
-    let earlier = results::earlier(folder)?;
+    let earlier = Recorded::read(folder)?;
     let refuse = |reason: String| Error::Loop { file: folder.to_owned(), reason };
     let stored = earlier.provenance.as_ref();
     let stored = stored.ok_or_else(|| {
@@ -31,6 +31,7 @@ pub fn execute(arguments: &Arguments, folder: &Path) -> Result<ExitCode, Error> 
                 .to_owned(),
         )
     })?;
+    results::check(&earlier)?;
     let name = stored.source.name.to_string_lossy().into_owned();
     LoopFiles::find(&name).map_err(|error| {
         refuse(format!(

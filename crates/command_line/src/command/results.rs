@@ -53,17 +53,20 @@ pub fn tag(text: &str) -> Result<String, String> {
     Ok(text.to_owned())
 }
 
-/// Reads results of an earlier run and checks that they are as the run wrote them. Version 0.1 stored no checksums,
-/// which a note reports.
+/// Reads results of an earlier run and checks that they are as the run wrote them.
 pub fn earlier(folder: &Path) -> Result<Recorded, Error> {
     let earlier = Recorded::read(folder)?;
-    if !earlier.check()? {
-        remark!(
-            "{}: results of `simulate` and of version 0.1 have no checksums, so damage can't be detected",
-            folder.display()
-        );
-    }
+    check(&earlier)?;
     Ok(earlier)
+}
+
+/// Checks that results are as their run wrote them. A note reports results without checksums.
+pub fn check(earlier: &Recorded) -> Result<(), Error> {
+    if !earlier.check()? {
+        let folder = earlier.folder.display();
+        remark!("{folder}: results of `simulate` and of version 0.1 have no checksums, so damage can't be detected");
+    }
+    Ok(())
 }
 
 /// Writes the files of a run; those of its table may be written already.
