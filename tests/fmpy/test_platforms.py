@@ -30,7 +30,7 @@ STANDARD = """
 """.split()
 # Those of FMI 3.0, as FMPy declares them; and those by which a runner hands its compiled equations over.
 STANDARD_3 = {name for name in dir(_FMU3) if name.startswith("fmi3")}
-OWN = {f"adaptive_fmu_{name}" for name in ("kernel_functions", "take_kernel", "has_kernel")}
+OWN = {f"adaptive_fmu_{name}" for name in ("kernel_functions", "take_kernel", "has_kernel", "do_steps")}
 EXPORTED = {f"fmi2{name}" for name in STANDARD} | STANDARD_3 | OWN
 OLDEST_GLIBC = (2, 17)
 SYSTEM = {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "libpthread.so.0", "libdl.so.2", "ld-linux-x86-64.so.2"}

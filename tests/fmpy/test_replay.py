@@ -97,7 +97,7 @@ def test_names_that_do_not_fit_are_refused(controller: tuple[Path, np.ndarray, n
     for arguments, reason in [
         ([*REPLAY, "--compare", "voltag"], "cannot be used multiple times"),
         ([option.replace("voltage", "voltag") for option in REPLAY], "--compare = voltag: is not an output of the FMU; did you mean `voltage`?"),
-        ([option.replace("voltage", "temperature") for option in REPLAY], "--compare = temperature: is no output"),
+        ([option.replace("voltage", "temperature") for option in REPLAY], "--compare = temperature: is not an output of the FMU; there are: voltage"),
         (without, "--input"),
     ]:
         ran = program(folder, *arguments)

@@ -38,7 +38,7 @@ def test_a_temporary_folder_without_programs_is_named_with_what_to_set(without_p
     command = [PROGRAM, "simulate", plant, "--until", "0.1", "--out", tmp_path / "out"]
     answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert answer.returncode == 1
-    assert f"{without_programs} is mounted noexec: set TMPDIR" in answer.stderr, answer.stderr
+    assert f"{without_programs} is mounted noexec. Set TMPDIR" in answer.stderr, answer.stderr
     # An FMU of this program runs there: its library is loaded already.
     own = subprocess.run([*command[:2], "NonlinearSiso", *command[3:]], env=environment, capture_output=True, text=True, check=False)
     assert own.returncode == 0, own.stderr
