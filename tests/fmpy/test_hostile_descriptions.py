@@ -20,7 +20,7 @@ def of(model: str, structure: str) -> str:
 # What is written into the file, and a word of what is told.
 HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "empty": ("", "name"),
-    "zeros": (bytes(1000), "line 1"),
+    "zeros": (bytes(1000), "line 1: contains a NUL character"),
     "no UTF-8": (TOML.encode() + b"\n# \xff\xfe", f"line {TOML.count(chr(10)) + 2}: is not UTF-8"),
     "UTF-16": (TOML.encode("utf-16"), "line 1: is not UTF-8"),
     "a binary": (b"\x7fELF" + bytes(range(256)) * 50, "UTF-8"),

@@ -11,18 +11,23 @@ const LARGEST: u64 = 1 << 22;
 /// The text of a file.
 ///
 /// # Errors
-/// When it isn't there, is a folder or a pipe, is too long, or isn't UTF-8.
+/// When it isn't there, is a folder or a pipe, is too long, isn't UTF-8, or contains a NUL character.
 pub fn read(file: &Path) -> io::Result<String> {
     let mut bytes = Vec::new();
     open(file)?.take(LARGEST + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > LARGEST {
         return Err(refuse(format!("is longer than {LARGEST} bytes")));
     }
-    String::from_utf8(bytes).map_err(|error| {
+    let line = |before: &[u8]| before.iter().filter(|&&byte| byte == b'\n').count() + 1;
+    let text = String::from_utf8(bytes).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        let line = valid.iter().filter(|&&byte| byte == b'\n').count() + 1;
-        refuse(format!("line {line}: is not UTF-8"))
-    })
+        refuse(format!("line {}: is not UTF-8", line(valid)))
+    })?;
+    // A file of zeros is what a crash may leave.
+    match text.find('\0') {
+        Some(place) => Err(refuse(format!("line {}: contains a NUL character", line(&text.as_bytes()[..place])))),
+        None => Ok(text),
+    }
 }
 
 /// A field of a file of comma-separated values (RFC 4180): names like `theta_hat[1,2]` hold commas.

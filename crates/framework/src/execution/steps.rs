@@ -15,11 +15,12 @@ impl Execution {
     /// substeps don't end at each of them: values there are the integration method's interpolation, as accurate as its
     /// substeps. Events of time are handled at the same communication points.
     ///
-    /// `give` gets the values at each of the times but the first, rates only if they are asked for. Returns the number of steps that were taken; what isn't
-    /// taken is left to [`Execution::step`]: what it refuses or can't finish, and a first step after parameters or inputs
-    /// were set. A go ends after some 30 ms of work, and where a step has another length.
+    /// `give` gets the values at each of the times but the first, rates only if they are asked for. Returns the number of
+    /// steps that were taken; what isn't taken is left to [`Execution::step`]: what it refuses or can't finish, and a first
+    /// step after parameters or inputs were set. A go ends after some 30 ms of work, and where a step has another length.
     pub fn steps(&mut self, times: &[f64], with_rates: bool, give: &mut Give) -> usize {
-        let step = times[1] - times[0];
+        let [first, second, ..] = *times else { return 0 };
+        let step = second - first;
         let is_other =
             |two: &[f64]| (two[1] - two[0] - step).abs() > SAME_LENGTH * step + 4.0 * f64::EPSILON * two[1].abs();
         let times = &times[..=times.windows(2).position(is_other).unwrap_or(times.len() - 1)];
@@ -81,8 +82,6 @@ impl Execution {
             let (t, step) = (times[k], times[k] - times[k - 1]);
             if with_rates {
                 problem.evaluate(t);
-            } else {
-                problem.evaluate_signals(t);
             }
             problem.point()[time] = t;
             problem.check(t).map_err(StepError::Unsound)?;

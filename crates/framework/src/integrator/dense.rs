@@ -15,7 +15,7 @@ use crate::system::Section;
 /// c₁ to c₇ of one state.
 pub type Coefficients = [f64; 7];
 
-/// Receives the problem with the states at a communication point, by its number; it is to be evaluated.
+/// Receives the problem with states and signals at a communication point, by its number. Rates are those of another time.
 pub type AtPoint<'a> = dyn FnMut(&mut Problem, usize) -> Result<(), StepError> + 'a;
 
 /// The polynomials of a substep. Takes no memory before it is needed.
@@ -100,6 +100,7 @@ impl Driver {
         while is_next(*passed + 1) {
             let time = times[*passed + 1];
             self.dense.states(problem, &self.start, h, time);
+            problem.evaluate_signals(time);
             self.work += self.methods.evaluation();
             if self.has_left(problem, time) {
                 return Ok(false);
@@ -112,13 +113,12 @@ impl Driver {
         Ok(true)
     }
 
-    /// True if an indicator isn't on its side at the problem's states. Where single steps might see it otherwise, as at a zero
+    /// True if an indicator isn't on its side at the problem's signals. Where single steps might see it otherwise, as at a zero
     /// that it rests at, that is no harm: they are taken then.
-    fn has_left(&mut self, problem: &mut Problem, time: f64) -> bool {
+    fn has_left(&mut self, problem: &Problem, time: f64) -> bool {
         if self.indicators.is_empty() {
             return false;
         }
-        problem.evaluate_signals(time);
         self.dense.indicators.resize(problem.variables.indicators().len(), 0.0);
         problem.event_indicators(time, &mut self.dense.indicators);
         self.indicators.any_left(&self.dense.indicators)

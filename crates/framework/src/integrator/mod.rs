@@ -184,7 +184,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Brings inputs and signals to time t.
-    pub(crate) fn evaluate_signals(&mut self, t: f64) {
+    fn evaluate_signals(&mut self, t: f64) {
         self.follow_ramp(t);
         match self.kernel {
             Some(kernel) => kernel.outputs(t, self.reals, self.integers),

@@ -152,7 +152,8 @@ impl Recorded {
             Metric { label, statistic: Statistic::Max, of, minus, funnel, from: settings.start_time, limit: None }
         };
         let text = |name: &str| self.metrics[name].as_str().unwrap_or_default().to_owned();
-        let mut structure = Structure::bare(file, self.folder.display().to_string(), text("description"), settings);
+        let description = if asked.is_some() { text("description") } else { "metrics of an earlier run".to_owned() };
+        let mut structure = Structure::bare(file, self.folder.display().to_string(), description, settings);
         structure.order = asked.and_then(|asked| asked.order.as_deref()?.parse().ok()).unwrap_or(structure.order);
         structure.metrics = about.into_iter().map(metric).collect();
         let ending = match self.ended.as_str() {

@@ -24,7 +24,7 @@ static inline real wrapped_far(real angle)
 /* The same from any. */
 static inline real wrapped(real angle)
 {
-    return F(fabs)(angle) < R(3.141592653589793) ? angle : wrapped_far(angle);
+    return (F(fabs)(angle) < R(3.141592653589793)) ? angle : wrapped_far(angle);
 }
 
 /* The integer that a number is, without its fraction: the nearest there is where it is too large, 0 of what is no number. */
