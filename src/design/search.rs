@@ -145,7 +145,7 @@ pub fn modulus_of<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>)
     Some(modulus::<L>(plant, gains, S, &poles))
 }
 
-/// M_s on the plant's frequencies and at those of the loop's own modes.
+/// M_s on the plant's frequencies and at those of the loop's own modes, and 1 beyond them, where no plant follows.
 fn modulus<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>, poles: &[Complex<f64>]) -> f64 {
     let responses: Vec<_> = gains.iter().map(|gains| L::response(gains, plant.bandwidth)).collect();
     let S = S.map(Complex::from);
@@ -173,5 +173,5 @@ fn modulus<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>, poles:
     };
     let about_peaks = (0..on_grid.len()).filter(is_peak).flat_map(between).map(at);
     let modes = poles.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]);
-    about_peaks.chain(modes.map(at)).fold(largest, f64::max)
+    about_peaks.chain(modes.map(at)).fold(largest.max(1.0), f64::max)
 }

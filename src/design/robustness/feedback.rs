@@ -65,10 +65,11 @@ fn report_region(described: &Described, law: &OutputFeedback, region: &Region, H
 fn report_margins(margins: &Margins, W: f64, unit: &Unit, report: &mut DesignReport) {
     let [bad, usual] = MODULUS;
     let usual = if unit.controls.len() > 1 { OF_SEVERAL } else { usual };
-    let note = format!(
-        "largest gain from a disturbance at the outputs to the outputs, at {} rad/s",
-        three_digits(margins.frequency * W)
-    );
+    let at = match margins.frequency {
+        f64::INFINITY => "at high frequencies".to_owned(),
+        frequency => format!("at {} rad/s", three_digits(frequency * W)),
+    };
+    let note = format!("largest gain from a disturbance at the outputs to the outputs, {at}");
     let verdict = match margins.modulus {
         modulus if modulus > bad => Verdict::NotSound,
         modulus if modulus > usual => Verdict::Warning,

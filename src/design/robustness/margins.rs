@@ -12,12 +12,18 @@ use crate::design::nominal::poles_of;
 use crate::design::response::{Response, grid};
 use crate::design::zeros;
 
+/// Part of itself by which a gain may change between two points where it crosses: the line between them is off by an
+/// eighth of its square.
+const SHORT: f64 = 0.05;
+/// So often is the way between two points of the grid halved at most.
+const HALVINGS: usize = 12;
+
 /// Margins of a stable loop; frequencies and times in W and 1/W.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Margins {
     /// M_s, the largest singular value of (I + G K)⁻¹.
     pub modulus: f64,
-    /// Frequency of that.
+    /// Frequency of that; infinite where it is 1.
     pub frequency: f64,
     /// The largest gain below 1 and the smallest above 1 of a channel, the others closed, at which the loop is no longer
     /// stable; none where there is none.
@@ -49,8 +55,9 @@ pub fn margins(plant: &Uncertain, law: &OutputFeedback, closed: &[Complex<f64>])
     let K = Response::new(&law.controller.A, &law.controller.B, &law.controller.C, &[]);
     let direct = law.controller.D.map(Complex::from);
     let mut found = Margins {
-        modulus: 0.0,
-        frequency: 0.0,
+        // Beyond all frequencies no plant follows.
+        modulus: 1.0,
+        frequency: f64::INFINITY,
         gains: [None; 2],
         phase: None,
         delay: None,
@@ -59,12 +66,16 @@ pub fn margins(plant: &Uncertain, law: &OutputFeedback, closed: &[Complex<f64>])
         zeros,
         poles,
     };
-    let mut last: Option<Point> = None;
-    for &omega in &frequencies {
-        let G = G.at(omega);
+    let at = |omega: f64| {
         let K = if has_states { K.at(omega) + &direct } else { direct.clone() };
-        let Some(point) = Point::new(omega, &G, &K) else { continue };
-        found.take(&point, last.as_ref());
+        Point::new(omega, &G.at(omega), &K)
+    };
+    let mut last: Option<Point> = None;
+    for point in frequencies.iter().filter_map(|&omega| at(omega)) {
+        match &last {
+            Some(last) => found.take_way(last, &point, &at, HALVINGS),
+            None => found.take(&point, None),
+        }
         last = Some(point);
     }
     Some(found)
@@ -106,9 +117,32 @@ impl Point {
             noise: noise.singular_values().max(),
         })
     }
+
+    /// On the way to another point, a gain that changes by more than `SHORT` of itself crosses the axis or the unit circle.
+    fn crosses_far(&self, other: &Point) -> bool {
+        let far = |before: Complex<f64>, after: Complex<f64>| {
+            (after - before).norm() > SHORT * before.norm().min(after.norm())
+        };
+        let axis =
+            self.alone.iter().zip(&other.alone).filter(|(before, after)| crosses_axis(**before, **after).is_some());
+        let both = [(&self.alone, &other.alone), (&self.together, &other.together)].into_iter();
+        let circle = both
+            .flat_map(|(from, to)| from.iter().zip(to))
+            .filter(|(before, after)| crosses_one(**before, **after).is_some());
+        axis.chain(circle).any(|(&before, &after)| far(before, after))
+    }
 }
 
 impl Margins {
+    /// Takes a point and, where a gain crosses on a long way to it, points between: near a lightly damped mode the
+    /// straight line between two points of the grid is off by several percent.
+    fn take_way(&mut self, last: &Point, now: &Point, at: &impl Fn(f64) -> Option<Point>, halvings: usize) {
+        let middle = if halvings > 0 && last.crosses_far(now) { at((last.omega * now.omega).sqrt()) } else { None };
+        let Some(middle) = middle else { return self.take(now, Some(last)) };
+        self.take_way(last, &middle, at, halvings - 1);
+        self.take_way(&middle, now, at, halvings - 1);
+    }
+
     fn take(&mut self, now: &Point, last: Option<&Point>) {
         if now.modulus > self.modulus {
             (self.modulus, self.frequency) = (now.modulus, now.omega);
@@ -119,7 +153,9 @@ impl Margins {
             self.bandwidth = now.omega;
         }
         for (&before, &after) in last.alone.iter().zip(&now.alone) {
-            self.crosses_axis(before, after);
+            if let Some(factor) = crosses_axis(before, after) {
+                self.take_factor(factor);
+            }
             if let Some((phase, _)) = crosses_one(before, after) {
                 // To −1 either way.
                 let margin = phase.min(2.0 * PI - phase);
@@ -134,16 +170,8 @@ impl Margins {
         }
     }
 
-    /// Notes a gain that is negative and real, which other factors scale to −1.
-    fn crosses_axis(&mut self, before: Complex<f64>, after: Complex<f64>) {
-        if before.im * after.im > 0.0 || before.im == after.im {
-            return;
-        }
-        let real = before.re + (after.re - before.re) * before.im / (before.im - after.im);
-        if real >= 0.0 {
-            return;
-        }
-        let factor = -1.0 / real;
+    /// Notes a factor of the gain that scales it to −1.
+    fn take_factor(&mut self, factor: f64) {
         let [less, more] = &mut self.gains;
         if factor < 1.0 {
             *less = Some(less.map_or(factor, |largest| largest.max(factor)));
@@ -151,6 +179,15 @@ impl Margins {
             *more = Some(more.map_or(factor, |least| least.min(factor)));
         }
     }
+}
+
+/// The factor that scales a gain to −1 where it crosses the negative real axis.
+fn crosses_axis(before: Complex<f64>, after: Complex<f64>) -> Option<f64> {
+    if before.im * after.im > 0.0 || before.im == after.im {
+        return None;
+    }
+    let real = before.re + (after.re - before.re) * before.im / (before.im - after.im);
+    (real < 0.0).then_some(-1.0 / real)
 }
 
 /// The lag that a gain has left until −1, in rad, where its size crosses 1, and which part of the way that is.

@@ -152,7 +152,7 @@ pub(super) fn function(
     let found = function.compute(&operations, &nodes, &name, &of);
     for (k, (one, (_, reason))) in found[all.clone().count()..].iter().zip(refusals).enumerate() {
         function.whole_line(&format!("/* {} */", ascii(reason)));
-        function.line(&format!("if ({}) {{", one.condition().text));
+        function.line(&format!("if ({}) {{", one.tested()));
         function.whole_line(&format!("    return {};", k + 1));
         function.line("}");
     }

@@ -170,10 +170,10 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     let found = function.compute(tape.operations(), &wanted, &named, &of);
     let mut numbers = found[targets.len()..].iter();
     for (note, (_, messages)) in notes.iter().zip(&messages) {
-        let condition = numbers.next().expect("each note has a condition").condition();
+        let condition = numbers.next().expect("each note has a condition").tested();
         let values: Vec<String> =
             numbers.by_ref().take(messages.numbers.len()).map(|value| value.real().text).collect();
-        log(unit, note, messages, &condition.text, &values, &mut function);
+        log(unit, note, messages, &condition, &values, &mut function);
     }
     for (target, found) in targets.iter().zip(&found) {
         let value = if target.kind == Kind::Real { found.real() } else { found.whole() };

@@ -130,6 +130,12 @@ impl Expression {
         }
     }
 
+    /// Text of the condition of an `if`: a number with a name is compared, as MISRA C:2012 14.4 asks.
+    pub fn tested(&self) -> String {
+        let condition = self.condition();
+        if condition.binding == Binding::Atom { format!("{} != 0", condition.text) } else { condition.text }
+    }
+
     /// A call of a function of one number.
     pub fn unary(function: Unary, x: &Self) -> Self {
         let (x, size) = (x.real(), x.size + 1);

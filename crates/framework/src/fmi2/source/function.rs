@@ -287,7 +287,7 @@ impl<'a> Function<'a> {
             self.line(&format!("{of} {name};"));
             names.push((name, selection.kind));
         }
-        self.line(&format!("if ({}) {{", condition.text));
+        self.line(&format!("if ({}) {{", condition.tested()));
         for (k, (lines, values)) in [taken, other].into_iter().enumerate() {
             self.lines.push_str(&lines);
             self.indent += 1;

@@ -202,7 +202,7 @@ impl Function<'_> {
         };
         let unnamed = |_| None;
         let condition = self.part_of_body(body, &[body.goes_on], &unnamed, &carried);
-        self.line(&format!("if (!({})) break;", condition[0].condition().text));
+        self.line(&format!("if (!({})) break;", condition[0].tested()));
         let next = self.part_of_body(body, &body.next, &unnamed, &carried);
         let next: Vec<String> = next.iter().map(|value| value.real().text).collect();
         // All of the new state follows from the old one.
