@@ -12,6 +12,8 @@ use super::response::logarithmic;
 /// Speeds in a decade, and how many are tried below W, and above it for an unstable plant.
 const PER_DECADE: f64 = 8.0;
 const SPEEDS: i32 = 24;
+/// How many slower ones are tried where none of them serves: next to a lightly damped mode a rough control must be slow.
+const SLOWER: i32 = 8;
 /// Factor of M_s that several channels may have.
 const SEVERAL: f64 = 1.1;
 
@@ -80,13 +82,14 @@ pub struct Has {
 }
 
 /// The first design at the speeds W, W 10^(−1/8), …, for an unstable plant at faster ones then; with a smaller modulus
-/// margin where none has the usual one.
+/// margin where none has the usual one; at still slower ones where none has either.
 pub fn search<L: Law>(plant: &Nominal) -> Option<Found<L::Gains>> {
-    let speeds = speeds(plant);
+    let slower: Vec<_> = (SPEEDS + 1..=SPEEDS + SLOWER).map(|k| speed(-k)).collect();
     let factor = factor(plant);
-    let asked = L::MODULUS
-        .into_iter()
-        .flat_map(|modulus| speeds.iter().map(move |&speed| Asked { speed, modulus: factor * modulus, all: true }));
+    let asked = [speeds(plant), slower].into_iter().flat_map(|speeds| {
+        let each = move |modulus| speeds.clone().into_iter().map(move |speed| Asked { speed, modulus, all: true });
+        L::MODULUS.map(|modulus| factor * modulus).into_iter().flat_map(each)
+    });
     if plant.channels() > 1 {
         let fixed = Fixed::new(plant);
         return asked.into_iter().find_map(|asked| fixed.at::<L>(plant, &asked));
@@ -104,7 +107,11 @@ pub fn factor(plant: &Nominal) -> f64 {
 pub fn speeds(plant: &Nominal) -> Vec<f64> {
     let slower = (0..=SPEEDS).map(|k| -k);
     let faster = (1..=SPEEDS).filter(|_| plant.is_unstable());
-    slower.chain(faster).map(|k| 10_f64.powf(f64::from(k) / PER_DECADE)).collect()
+    slower.chain(faster).map(speed).collect()
+}
+
+fn speed(eighths: i32) -> f64 {
+    10_f64.powf(f64::from(eighths) / PER_DECADE)
 }
 
 /// A design of a single channel for one speed.

@@ -85,13 +85,16 @@ def poles(plant: Plant, design: Design) -> np.ndarray:
 
 
 def modulus(plant: Plant, design: Design, points: int = 4000) -> float:
-    """M_s on a grid of its own, and about the poles of the loop and the plant."""
+    """M_s on a grid of its own, about the poles of the loop and the plant, and about its highest points."""
     own = np.concatenate([np.linalg.eigvals(plant.A), poles(plant, design)])
     sizes = np.abs(own[np.abs(own) > 1e-6])
-    grid = np.geomspace(1e-2 * sizes.min(), 1e2 * sizes.max(), points)
     near = [abs(p.imag) + k * abs(p.real) for p in own if p.imag for k in np.linspace(-2, 2, 21)]
-    worst = 0.0
-    for omega in [*grid, *[w for w in near if w > 0]]:
+    grid = np.sort([*np.geomspace(1e-2 * sizes.min(), 1e2 * sizes.max(), points), *[w for w in near if w > 0]])
+
+    def at(omega: float) -> float:
         difference = np.eye(len(plant.C)) + plant.at(omega) @ design.at(omega)
-        worst = max(worst, 1 / np.linalg.svd(difference, compute_uv=False).min())
-    return worst
+        return 1 / np.linalg.svd(difference, compute_uv=False).min()
+
+    found = np.array([at(omega) for omega in grid])
+    about = [np.geomspace(grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)], 20) for k in np.argsort(found)[-20:]]
+    return max(found.max(), *map(at, np.concatenate(about)))
