@@ -15,7 +15,7 @@ use crate::design::zeros;
 /// Part of itself by which a gain may change between two points where it crosses: the line between them is off by an
 /// eighth of its square.
 const SHORT: f64 = 0.05;
-/// So often is the way between two points of the grid halved at most.
+/// The most halvings of an interval of the grid.
 const HALVINGS: usize = 12;
 
 /// Margins of a stable loop; frequencies and times in W and 1/W.
@@ -73,7 +73,7 @@ pub fn margins(plant: &Uncertain, law: &OutputFeedback, closed: &[Complex<f64>])
     let mut last: Option<Point> = None;
     for point in frequencies.iter().filter_map(|&omega| at(omega)) {
         match &last {
-            Some(last) => found.take_way(last, &point, &at, HALVINGS),
+            Some(last) => found.take_interval(last, &point, &at, HALVINGS),
             None => found.take(&point, None),
         }
         last = Some(point);
@@ -118,7 +118,7 @@ impl Point {
         })
     }
 
-    /// On the way to another point, a gain that changes by more than `SHORT` of itself crosses the axis or the unit circle.
+    /// True if a gain crosses the axis or the unit circle before another point, and changes by more than `SHORT` of itself.
     fn crosses_far(&self, other: &Point) -> bool {
         let far = |before: Complex<f64>, after: Complex<f64>| {
             (after - before).norm() > SHORT * before.norm().min(after.norm())
@@ -134,13 +134,13 @@ impl Point {
 }
 
 impl Margins {
-    /// Takes a point and, where a gain crosses on a long way to it, points between: near a lightly damped mode the
+    /// Takes a point and, where a gain crosses far from the last one, points between: near a lightly damped mode the
     /// straight line between two points of the grid is off by several percent.
-    fn take_way(&mut self, last: &Point, now: &Point, at: &impl Fn(f64) -> Option<Point>, halvings: usize) {
+    fn take_interval(&mut self, last: &Point, now: &Point, at: &impl Fn(f64) -> Option<Point>, halvings: usize) {
         let middle = if halvings > 0 && last.crosses_far(now) { at((last.omega * now.omega).sqrt()) } else { None };
         let Some(middle) = middle else { return self.take(now, Some(last)) };
-        self.take_way(last, &middle, at, halvings - 1);
-        self.take_way(&middle, now, at, halvings - 1);
+        self.take_interval(last, &middle, at, halvings - 1);
+        self.take_interval(&middle, now, at, halvings - 1);
     }
 
     fn take(&mut self, now: &Point, last: Option<&Point>) {

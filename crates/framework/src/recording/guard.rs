@@ -2,6 +2,7 @@
 //! quotient that equations don't ask for must not be computed.
 
 use std::collections::HashMap;
+use std::mem::take;
 use std::rc::Rc;
 
 use super::tangent::needed;
@@ -46,7 +47,7 @@ impl Guard {
         for term in &self.terms {
             let decided = |(node, holds): &Literal| decided(operations, *node, known).map(|found| found == *holds);
             if term.iter().all(|literal| decided(literal) != Some(false)) {
-                left.or(term.iter().filter(|literal| decided(literal).is_none()).copied().collect());
+                left.or(operations, term.iter().filter(|literal| decided(literal).is_none()).copied().collect());
             }
         }
         left
@@ -60,7 +61,7 @@ impl Guard {
     }
 
     /// Holds where both do.
-    fn and(&self, literals: &[Literal]) -> Self {
+    fn and(&self, operations: &[Operation], literals: &[Literal]) -> Self {
         let mut both = Guard::default();
         for term in &self.terms {
             let mut term = term.clone();
@@ -68,42 +69,31 @@ impl Guard {
             term.sort_unstable();
             term.dedup();
             if term.windows(2).all(|pair| pair[0].0 != pair[1].0) {
-                both.or(term);
+                both.or(operations, term);
             }
         }
         both
     }
 
     /// Holds where the literals of one more term do, too. A literal that decides nothing is left out.
-    fn or(&mut self, mut term: Vec<Literal>) {
-        let mut waiting = Vec::new();
-        while let Some(known) = self.terms.pop() {
-            if is_part(&known, &term, None) {
-                self.terms.push(known);
-                self.terms.append(&mut waiting);
-                return;
-            }
-            if is_part(&term, &known, None) {
+    fn or(&mut self, operations: &[Operation], term: Vec<Literal>) {
+        let mut waiting = vec![term];
+        while let Some(term) = waiting.pop() {
+            if self.terms.iter().any(|known| is_part(known, &term)) {
                 continue;
             }
-            let turned = term.iter().find(|(node, holds)| known.contains(&(*node, !holds))).copied();
-            match turned {
-                // Whether it holds or not, the longer one does.
-                Some((node, _)) if is_part(&known, &term, Some(node)) => {
-                    term.retain(|literal| literal.0 != node);
-                    self.terms.push(known);
-                    self.terms.append(&mut waiting);
-                }
-                Some((node, _)) if is_part(&term, &known, Some(node)) => {
-                    let shorter = known.into_iter().filter(|literal| literal.0 != node).collect();
-                    self.terms.append(&mut waiting);
-                    self.or(shorter);
-                }
-                _ => waiting.push(known),
+            if let Some(shorter) = self.terms.iter().find_map(|known| shortened(operations, &term, known)) {
+                waiting.push(shorter);
+                continue;
             }
+            for known in take(&mut self.terms).into_iter().filter(|known| !is_part(&term, known)) {
+                match shortened(operations, &known, &term) {
+                    Some(shorter) => waiting.push(shorter),
+                    None => self.terms.push(known),
+                }
+            }
+            self.terms.push(term);
         }
-        self.terms = waiting;
-        self.terms.push(term);
         if self.terms.len() > MOST {
             let common = self.terms[0].iter().filter(|literal| self.terms.iter().all(|term| term.contains(literal)));
             self.terms = vec![common.copied().collect()];
@@ -131,9 +121,25 @@ impl Tape {
     }
 }
 
-/// True if all literals of one term are in another, where one node doesn't count.
-fn is_part(term: &[Literal], of: &[Literal], without: Option<Node>) -> bool {
-    term.iter().all(|literal| Some(literal.0) == without || of.contains(literal))
+/// True if all literals of one term are in another.
+fn is_part(term: &[Literal], of: &[Literal]) -> bool {
+    term.iter().all(|literal| of.contains(literal))
+}
+
+/// A term without literals that decide nothing, as another one holds: where a literal of one is the opposite of literals of the other,
+/// and the rest of the other is part of the term, the rest of the term is enough.
+fn shortened(operations: &[Operation], term: &[Literal], other: &[Literal]) -> Option<Vec<Literal>> {
+    let opposite = |(node, holds): Literal| literals(operations, (node, !holds));
+    let of_term = term.iter().map(|&own| (vec![own], opposite(own)));
+    let of_other = other.iter().map(|&own| (opposite(own), vec![own]));
+    let mut pairs = of_term.chain(of_other).filter(|(own, theirs)| is_part(own, term) && is_part(theirs, other));
+    let left = |term: &[Literal], without: &[Literal]| -> Vec<Literal> {
+        term.iter().filter(|literal| !without.contains(literal)).copied().collect()
+    };
+    pairs.find_map(|(own, theirs)| {
+        let rest = left(term, &own);
+        is_part(&left(other, &theirs), &rest).then_some(rest)
+    })
 }
 
 /// Guard of each operation for the wanted results, each of which may have a condition. Many operations share a guard.
@@ -143,8 +149,8 @@ pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option
     let mut guards: Vec<Rc<Guard>> = operations.iter().map(|_| Rc::clone(&none)).collect();
     let always = Rc::new(Guard::always());
     for (node, condition) in wanted {
-        let under = condition.map(|node| Rc::new(always.and(&literals(operations, (node, true)))));
-        merge(&mut guards[node.index()], under.as_ref().unwrap_or(&always));
+        let under = condition.map(|node| Rc::new(always.and(operations, &literals(operations, (node, true)))));
+        merge(operations, &mut guards[node.index()], under.as_ref().unwrap_or(&always));
     }
     for place in (0..operations.len()).rev().filter(|&place| needed[place]) {
         let own = Rc::clone(&guards[place]);
@@ -152,8 +158,8 @@ pub fn guards(operations: &[Operation], needed: &[bool], wanted: &[(Node, Option
             let of = &mut guards[node.index()];
             match under {
                 _ if of.is_always() => {}
-                None => merge(of, &own),
-                Some(under) => merge(of, &Rc::new(own.and(&literals(operations, under)))),
+                None => merge(operations, of, &own),
+                Some(under) => merge(operations, of, &Rc::new(own.and(operations, &literals(operations, under)))),
             }
         };
         match &operations[place] {
@@ -213,7 +219,7 @@ pub fn followed(operations: &[Operation], wanted: &[(Node, Option<Node>)]) -> Ve
             let guard = &guards[place];
             let other = match operations[place] {
                 Operation::Select(condition, yes, no) => {
-                    let within = |holds| guard.and(&literals(&operations, (condition, holds)));
+                    let within = |holds| guard.and(&operations, &literals(&operations, (condition, holds)));
                     let (yes, no) = (follow(&within(true), yes), follow(&within(false), no));
                     Operation::Select(follow(guard, condition), yes, no)
                 }
@@ -252,12 +258,12 @@ fn same(operations: &[Operation], number: Node, with: Node) -> Option<Node> {
 }
 
 /// Takes the terms of another guard in.
-fn merge(guard: &mut Rc<Guard>, other: &Rc<Guard>) {
+fn merge(operations: &[Operation], guard: &mut Rc<Guard>, other: &Rc<Guard>) {
     if guard.terms.is_empty() {
         *guard = Rc::clone(other);
     } else if !Rc::ptr_eq(guard, other) {
         let guard = Rc::make_mut(guard);
-        other.terms.iter().for_each(|term| guard.or(term.clone()));
+        other.terms.iter().for_each(|term| guard.or(operations, term.clone()));
     }
 }
 
@@ -292,11 +298,15 @@ mod tests {
     use super::{Guard, MOST, followed, guards};
     use crate::recording::{Binary, Node, Operation};
 
-    /// A guard that holds if any of these terms does; a literal is a node's place, negative if it must not hold.
+    /// A guard that holds if any of these terms does; a literal is a node's place, negative if it must not hold. Node 20 is
+    /// that both 1 and 2 hold, 21 that 3 or 20 does.
     fn any(terms: &[&[i32]]) -> Guard {
         let mut guard = Guard::default();
+        let both = Operation::And(Node::at(1), Node::at(2));
+        let either = Operation::Or(Node::at(3), Node::at(20));
+        let operations: Vec<_> = (0..20).map(Operation::Carried).chain([both, either]).collect();
         let literal = |&place: &i32| (Node::at(place.unsigned_abs() as usize), place > 0);
-        terms.iter().for_each(|term| guard.or(term.iter().map(literal).collect()));
+        terms.iter().for_each(|term| guard.or(&operations, term.iter().map(literal).collect()));
         guard
     }
 
@@ -309,6 +319,10 @@ mod tests {
         assert_eq!(any(&[&[1], &[-1, 2]]), any(&[&[1], &[2]]));
         assert!(any(&[&[1, 2], &[-2], &[2, -1]]).is_always());
         assert!(!any(&[&[1, 2], &[-1, -2]]).is_always());
+        assert!(any(&[&[1, 2], &[-20]]).is_always());
+        assert_eq!(any(&[&[4, -20], &[1, 2, 4, 5], &[1, 2, 4, -5]]), any(&[&[4]]));
+        assert_eq!(any(&[&[1, 2, 4], &[-20, 4, 5]]), any(&[&[1, 2, 4], &[4, 5]]));
+        assert_eq!(any(&[&[-3, -20, 4], &[4, 21]]), any(&[&[4]]));
     }
 
     #[test]
@@ -332,7 +346,7 @@ mod tests {
             Operation::Select(at(5), at(6), at(3)),
         ];
         let found = guards(&operations, &[true; 8], &[(at(7), None)]);
-        let where_all = |literals: &[(Node, bool)]| Guard::always().and(literals);
+        let where_all = |literals: &[(Node, bool)]| Guard::always().and(&operations, literals);
         let of_inner = where_all(&[(at(0), false), (at(1), true)]);
         assert!([0, 4, 5, 7].iter().all(|&place: &usize| found[place].is_always()));
         assert_eq!((&*found[6], &*found[2]), (&of_inner, &of_inner), "the inner selection, and x");

@@ -384,11 +384,16 @@ impl Tape {
         &self.notes
     }
 
-    /// The tape for evaluation where the results of some operations are given, as carried numbers in this order. Nothing can be added.
-    pub(crate) fn with_given(&self, nodes: &[Node]) -> Tape {
+    /// The tape for evaluation with other operations in some places. Nothing can be added.
+    pub(crate) fn with(&self, others: impl IntoIterator<Item = (Node, Operation)>) -> Tape {
         let mut operations = self.operations.clone();
-        (0..).zip(nodes).for_each(|(number, node)| operations[node.index()] = Operation::Carried(number));
+        others.into_iter().for_each(|(node, operation)| operations[node.index()] = operation);
         Tape { operations, notes: self.notes.clone(), ..Tape::default() }
+    }
+
+    /// The tape for evaluation where the results of some operations are given, as carried numbers in this order.
+    pub(crate) fn with_given(&self, nodes: &[Node]) -> Tape {
+        self.with((0..).zip(nodes).map(|(number, node)| (*node, Operation::Carried(number))))
     }
 
     /// Reserves memory for this number of operations.

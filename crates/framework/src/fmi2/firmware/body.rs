@@ -78,9 +78,9 @@ fn macros(text: &str) -> (String, String) {
 }
 
 /// Functions that equations call; sources of FMUs have them, too. A function comes before those that call it.
-const HELPERS: [&str; 5] = ["sign", "wrapped_far", "wrapped", "whole", "power"];
-/// Those that are called rarely: they are there once.
-const RARE: [&str; 1] = ["wrapped_far"];
+const HELPERS: [&str; 6] = ["sign", "wrapped_far", "wrapped", "turns", "whole", "power"];
+/// Those that take many instructions in flash memory: they are there once.
+const ONCE_EACH: [&str; 2] = ["wrapped_far", "turns"];
 
 /// The functions that a text calls, with macros by which it does, and what ends these.
 fn helpers(text: &str) -> (String, String) {
@@ -92,7 +92,7 @@ fn helpers(text: &str) -> (String, String) {
         };
         if is_called(text) || is_called(&written) {
             let mut own = numbers(name).replace(&call, &format!("§_{call}"));
-            if RARE.contains(&name) {
+            if ONCE_EACH.contains(&name) {
                 own = own.replace("static inline", "ONCE static");
             }
             written = format!("{own}\n#define {name} §_{name}\n\n{written}");

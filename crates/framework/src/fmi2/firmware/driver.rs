@@ -7,6 +7,7 @@ use super::functions::{Structs, limits_of_control};
 use super::header::flags;
 use super::law::{Law, Recorded, leaves};
 use super::members::{Member, each};
+use super::repeated::{Run, runs};
 use super::runge_kutta;
 use crate::recording::{Leaf, Node, Recording};
 use crate::system::{Data, Section};
@@ -332,16 +333,24 @@ fn given(structs: &Structs) -> String {
 fn bits(law: &Law, structs: &Structs) -> String {
     let mut text = String::new();
     let at = |place: usize| structs.signals.access(place, true).map(|access| format!("y->{access}"));
-    let pairs = law.limited().into_iter();
-    let mut cut: Vec<String> =
-        pairs.filter_map(|(before, output)| Some(format!("{} != {}", at(before)?, at(output)?))).collect();
-    for (to, place) in structs.outputs.reals() {
+    let differ = |pairs: Vec<&(usize, usize)>| -> Vec<String> {
+        let texts = pairs.into_iter().map(|(before, output)| Some(format!("{} != {}", at(*before)?, at(*output)?)));
+        texts.flatten().collect()
+    };
+    let (pairs, outputs) = (law.limited(), structs.outputs.reals().collect::<Vec<_>>());
+    let (of_outputs, others): (Vec<_>, Vec<_>) =
+        pairs.iter().partition(|(_, output)| outputs.iter().any(|(_, place)| place == output));
+    let mut cut = differ(others);
+    for (to, place) in outputs {
         let limits = law.control(place).map_or([None, None], |k| limits_of_control(law, structs, k));
         let beyond = limits.into_iter().zip(["<=", ">="]);
-        cut.extend(beyond.filter_map(|(limit, beyond)| Some(format!("out->{to} {beyond} {}", limit?))));
+        let mut all = differ(of_outputs.iter().filter(|(_, output)| *output == place).copied().collect());
+        all.extend(beyond.filter_map(|(limit, beyond)| Some(format!("out->{to} {beyond} {}", limit?))));
+        cut.extend((!all.is_empty()).then(|| all.join(" || ")));
     }
-    if !cut.is_empty() {
-        let _ = write!(text, "    if ({}) {{\n        status |= §_LIMITED;\n    }}\n", cut.join(" || "));
+    for Run { text: cut, elements } in runs(&cut) {
+        let line = format!("    if ({cut}) {{\n        status |= §_LIMITED;\n    }}\n");
+        text += &elements.map_or(line.clone(), |elements| looped(elements, &line));
     }
     for (flag, (name, ..)) in law.flags().into_iter().zip(flags(law)) {
         let place = law.variables().index(flag);
@@ -353,6 +362,11 @@ fn bits(law: &Law, structs: &Structs) -> String {
         }
     }
     text
+}
+
+/// Lines, once for each of these elements `i`.
+pub(super) fn looped((first, end): (usize, usize), lines: &str) -> String {
+    format!("    for (int i = {first}; i < {end}; i++) {{\n{}    }}\n", indented(lines))
 }
 
 /// Checks that inputs are numbers.

@@ -1,5 +1,6 @@
 //! The equations of a law as C functions, one for each method.
 
+use super::common;
 use super::constants::Constant;
 use super::driver::{Driver, Writes};
 use super::functions::{Head, Structs, Written, access, function, rolled};
@@ -13,6 +14,7 @@ pub(super) fn write(law: &Law, structs: &Structs, driver: &Driver) -> String {
     [
         prepare(law, structs),
         evaluations(law, structs, driver),
+        common(law, structs),
         changes(law, structs, driver),
         sides(law, structs, driver),
     ]
@@ -139,6 +141,27 @@ fn constants(law: &Law, structs: &Structs, driver: &Driver) -> String {
         asked: None,
     };
     function(law, structs, &head, &law.recorded.constants, &all, &[])
+}
+
+/// The function of what the start and an event have in common.
+fn common(law: &Law, structs: &Structs) -> String {
+    let Some(common) = &law.common else { return String::new() };
+    let of = |(number, &node): (usize, &Node)| Written {
+        to: format!("{}[{number}]", common::VALUES),
+        node,
+        kind: Kind::Real,
+        name: None,
+        source: "",
+    };
+    let written: Vec<Written> = common.results.iter().enumerate().map(of).collect();
+    let inputs = if structs.inputs.is_empty() { "" } else { "const §_inputs *in, " };
+    let head = Head {
+        what: "What the start and an event have in common.",
+        declaration: format!("ONCE static void {}(const § *self, {inputs}real *{})", common::NAME, common::VALUES),
+        parameters: "",
+        asked: None,
+    };
+    function(law, structs, &head, &common.recording, &written, &[])
 }
 
 /// States and discrete values that a method changes, and their places.

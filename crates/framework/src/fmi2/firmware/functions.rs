@@ -2,9 +2,11 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use super::common;
 use super::lanes::{self, Known, Rolled};
 use super::law::{ENABLED, LIMITS, Law, leaves};
 use super::members::{Members, ascii};
+use super::repeated::{Run, runs};
 use super::targets;
 use crate::fmi2::source::expression::{Expression, Kind, number};
 use crate::fmi2::source::function::{Function, framed};
@@ -13,7 +15,7 @@ use crate::recording::{Leaf, Node, Operation, Recording};
 use crate::system::{Data, Element, Section, Variable, Variables};
 
 /// Names of parameters of functions.
-pub(super) const PARAMETERS: [&str; 10] = ["self", "x", "d", "in", "y", "p", "r", "c", "dx", "bool"];
+pub(super) const PARAMETERS: [&str; 11] = ["self", "x", "d", "in", "y", "p", "r", "c", "dx", common::VALUES, "bool"];
 
 /// The structs of a law.
 #[derive(Debug)]
@@ -150,15 +152,13 @@ pub(super) fn function(
     function.whole = targets::whole(&operations, whole, nodes.iter().map(|wanted| wanted.0));
     (function.loops, function.targets) = (loops, targets);
     let found = function.compute(&operations, &nodes, &name, &of);
-    for (k, (one, (_, reason))) in found[all.clone().count()..].iter().zip(refusals).enumerate() {
-        function.whole_line(&format!("/* {} */", ascii(reason)));
-        function.line(&format!("if ({}) {{", one.tested()));
-        function.whole_line(&format!("    return {};", k + 1));
-        function.line("}");
-    }
+    refuse(&mut function, &found[all.clone().count()..], refusals);
     for (k, (one, found)) in all.zip(&found).enumerate() {
         if k == written.len() {
             function.begin(&format!("if ({asked} != NULL) {{"));
+        }
+        if found.text == one.to {
+            continue;
         }
         let value = match one.kind {
             Kind::Real => found.real(),
@@ -166,9 +166,6 @@ pub(super) fn function(
             Kind::Whole if one.name.is_none() => found.condition(),
             Kind::Whole => found.whole(),
         };
-        if value.text == one.to {
-            continue;
-        }
         function.line(&format!("{} = {};", one.to, value.text));
         if !one.source.is_empty() {
             function.comment(&ascii(one.source));
@@ -181,6 +178,33 @@ pub(super) fn function(
         function.line("return 0;");
     }
     framed((head.what, &head.declaration), &function.lines())
+}
+
+/// Lines that end a function with the number of the first refusal whose condition holds.
+fn refuse(function: &mut Function, conditions: &[Expression], refusals: &[(Node, String)]) {
+    let conditions: Vec<String> = conditions.iter().map(|one| function.tested(one)).collect();
+    let mut number = 1;
+    for Run { text, elements } in runs(&conditions) {
+        let (first, end) = elements.unwrap_or((0, 1));
+        for (_, reason) in &refusals[number - 1..number - 1 + end - first] {
+            function.whole_line(&format!("/* {} */", ascii(reason)));
+        }
+        if elements.is_some() {
+            function.begin(&format!("for (int i = {first}; i < {end}; i++) {{"));
+        }
+        function.begin(&format!("if ({text}) {{"));
+        let back = if number == first {
+            "i".to_owned()
+        } else {
+            format!("i {} {}", if number > first { "+" } else { "-" }, number.abs_diff(first))
+        };
+        function.whole_line(&format!("return {};", if elements.is_some() { back } else { number.to_string() }));
+        function.end("}");
+        if elements.is_some() {
+            function.end("}");
+        }
+        number += end - first;
+    }
 }
 
 /// Operations of a recording with loops.
@@ -216,7 +240,15 @@ pub(super) fn rolled(
     let least = |operation: &Operation| number(operation).or_else(|| least(operation));
     let is_repeated = std::ptr::eq(recording, &law.recorded.rates);
     let known = Known { number: &number, element: &element, is_repeated, least: &least };
-    lanes::rolled(recording.tape.operations(), wanted, written, &known)
+    let mut rolled = lanes::rolled(recording.tape.operations(), wanted, written, &known);
+    if let Some(common) = &law.common {
+        common.calls(
+            &rolled.operations,
+            if structs.inputs.is_empty() { "self" } else { "self, in" },
+            &mut rolled.loops,
+        );
+    }
+    rolled
 }
 
 /// The names of nodes that are variables: of those that are written, and of signals that aren't.

@@ -115,7 +115,8 @@ fn calibrate(law: &Law, structs: &Structs, driver: &Driver) -> String {
     let (declared, called, taken) = if structs.prepared.is_empty() {
         ("", "§_prepare(p)", "")
     } else {
-        ("    §_prepared r;\n", "§_prepare(p, &r)", "    self->r = r;\n")
+        // Compilers don't see that it is written wherever it is taken.
+        ("    §_prepared r;\n    r = self->r;\n", "§_prepare(p, &r)", "    self->r = r;\n")
     };
     let relations = if law.refusals(&law.recorded.relate).is_empty() {
         format!("    (void){called};\n")

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use super::common::Common;
 use super::constants::{self, Constant};
+use super::live::Live;
 use super::parameters::{calibrated, calls_from_sample_to_sample, prepared};
 use super::{Fallback, Options};
 use crate::error::Invalid;
@@ -74,6 +76,8 @@ pub(super) struct Law<'a> {
     /// Flags of the reals and integers that the outputs need.
     pub live: Live,
     pub constants: Vec<Constant>,
+    /// Results that the start and an event share.
+    pub common: Option<Common>,
     /// True if signals are evaluated at the end of a step only, where its constants are known.
     pub evaluates_once: bool,
     /// Operations that signals then have in common with the state equation.
@@ -83,23 +87,6 @@ pub(super) struct Law<'a> {
     pub events_within: bool,
     /// True if an equation reads time.
     pub reads_time: bool,
-}
-
-/// Flags of values of the block.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(super) struct Live {
-    pub reals: Vec<bool>,
-    pub integers: Vec<bool>,
-}
-
-impl Live {
-    pub fn add(&mut self, leaf: Leaf) {
-        match leaf {
-            Leaf::Real(place) => self.reals[place as usize] = true,
-            Leaf::Integer(place) => self.integers[place as usize] = true,
-            _ => {}
-        }
-    }
 }
 
 impl<'a> Law<'a> {
@@ -136,6 +123,7 @@ impl<'a> Law<'a> {
             recorded: Recorded::default(),
             live: Live::default(),
             constants: Vec::new(),
+            common: None,
             evaluates_once: false,
             shared: 0,
             indicators: Vec::new(),

@@ -2,13 +2,30 @@
 
 use std::collections::BTreeSet;
 
-use super::law::{CONTROL, EVALUATED, Law, Live, is_in, leaves};
+use super::law::{CONTROL, EVALUATED, Law, is_in, leaves};
 use crate::error::Invalid;
 use crate::recording::{Leaf, Node};
 use crate::system::{Section, Variable};
 
 /// Bits of an unsigned integer for the sides of indicators.
 const MOST_INDICATORS: usize = 32;
+
+/// Flags of values of the block.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Live {
+    pub reals: Vec<bool>,
+    pub integers: Vec<bool>,
+}
+
+impl Live {
+    pub fn add(&mut self, leaf: Leaf) {
+        match leaf {
+            Leaf::Real(place) => self.reals[place as usize] = true,
+            Leaf::Integer(place) => self.integers[place as usize] = true,
+            _ => {}
+        }
+    }
+}
 
 impl Law<'_> {
     /// Follows what outputs need until nothing is added.

@@ -6,6 +6,7 @@
 //! from sample to sample, so that no sample is lost in the rounding of time. A step that is refused changes nothing.
 
 mod body;
+mod common;
 mod constants;
 mod data_sheet;
 mod driver;
@@ -18,6 +19,7 @@ mod law;
 mod live;
 mod members;
 mod parameters;
+mod repeated;
 mod replay;
 mod runge_kutta;
 mod substeps;
@@ -130,6 +132,7 @@ pub fn files(model: &Arc<Model>, options: &Options) -> Result<Firmware, Invalid>
     Execution::new(Arc::clone(model)).initialise().map_err(Invalid::because)?;
     let gathered = equations::constants_by_lanes(&law, &structs);
     constants::gather(&mut law, &gathered);
+    common::share(&mut law);
     let signals = options.signals.as_ref();
     let fastest = Fastest::of(&law, &structs, model, signals)?;
     substeps::raise(&mut law, options, fastest.as_ref())?;

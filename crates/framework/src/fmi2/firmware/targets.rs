@@ -5,15 +5,12 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use super::functions::Written;
 use super::lanes::Rolled;
 use crate::fmi2::source::expression::Kind;
+use crate::fmi2::source::function::Targets;
 use crate::fmi2::source::loops::{Input, Loops, element, elements};
 use crate::recording::{Node, Operation};
 
 /// The operations and loops of a function, whose results have targets where these can be, and the targets of selections.
-pub(super) fn of(
-    rolled: Rolled,
-    wanted: &[Node],
-    written: &[Written],
-) -> (Vec<Operation>, Loops, BTreeMap<usize, String>) {
+pub(super) fn of(rolled: Rolled, wanted: &[Node], written: &[Written]) -> (Vec<Operation>, Loops, Targets) {
     let Rolled { operations, moved, mut loops } = rolled;
     let moved = |node: &Node| moved[node.index()];
     let uses = uses(&operations, wanted.iter().filter_map(moved));
@@ -23,21 +20,21 @@ pub(super) fn of(
         // A whole number that isn't a condition may be computed as a real one.
         let is_number = one.kind == Kind::Whole && one.name.is_some();
         let Some(node) = moved(&one.node).filter(|_| !is_number) else { continue };
-        let is_free = one.kind == Kind::Real && is_never_read(&one.to, &loops);
+        let readers = readers_of(&one.to, &loops).filter(|_| one.kind == Kind::Real);
         if is_part(node) {
             of_parts.insert(node, one.to.clone());
         }
-        if let (Operation::Select(_, yes, no), true, true) =
-            (&operations[node.index()], is_free, uses[node.index()] == 1)
+        if let (Operation::Select(_, yes, no), Some(readers), 1) =
+            (&operations[node.index()], readers, uses[node.index()])
         {
-            selections.insert(node.index(), one.to.clone());
+            selections.insert(node.index(), (one.to.clone(), readers));
             of_parts.extend([yes, no].into_iter().filter(|arm| is_part(**arm)).map(|arm| (*arm, one.to.clone())));
         }
     }
     let mut parts: BTreeMap<(usize, usize), BTreeMap<usize, &str>> = BTreeMap::new();
     for (place, operation) in operations.iter().enumerate() {
         if let (Operation::Part(from, number), Some(to)) = (operation, of_parts.get(&Node::at(place)))
-            && let Some(lanes) = loops.get(&from.index())
+            && let Some(lanes) = loops.get(&from.index()).filter(|lanes| lanes.call.is_none())
         {
             let (result, lane) = (*number as usize / lanes.count, *number as usize % lanes.count);
             parts.entry((from.index(), result)).or_default().insert(lane, to);
@@ -96,10 +93,12 @@ fn readers(array: &str, loops: &Loops) -> BTreeSet<(usize, usize, usize)> {
     all
 }
 
-/// True for what no operation reads. Where a function begins it reads what isn't read by loops.
-fn is_never_read(to: &str, loops: &Loops) -> bool {
-    ["dx->", "c->", "y->", "x->", "d->"].iter().any(|pointer| to.starts_with(pointer))
-        && readers(element(to).map_or(to, |(array, _)| array), loops).is_empty()
+/// The loops that read a place; none where it is no place that is written at the end. What isn't read by loops is read where a
+/// function begins.
+fn readers_of(to: &str, loops: &Loops) -> Option<Vec<usize>> {
+    let is_one = ["dx->", "c->", "y->", "x->", "d->"].iter().any(|pointer| to.starts_with(pointer));
+    let readers = readers(element(to).map_or(to, |(array, _)| array), loops);
+    is_one.then(|| readers.into_iter().map(|(place, ..)| place).collect())
 }
 
 /// True if a loop may write its results to an array: no other loop reads that, and this one in each lane what it writes there.

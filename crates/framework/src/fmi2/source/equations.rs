@@ -170,7 +170,7 @@ pub(super) fn function(unit: &Unit, head: &Head, tape: &Tape, targets: &[Target]
     let found = function.compute(tape.operations(), &wanted, &named, &of);
     let mut numbers = found[targets.len()..].iter();
     for (note, (_, messages)) in notes.iter().zip(&messages) {
-        let condition = numbers.next().expect("each note has a condition").tested();
+        let condition = function.tested(numbers.next().expect("each note has a condition"));
         let values: Vec<String> =
             numbers.by_ref().take(messages.numbers.len()).map(|value| value.real().text).collect();
         log(unit, note, messages, &condition, &values, &mut function);

@@ -130,17 +130,16 @@ impl Expression {
         }
     }
 
-    /// Text of the condition of an `if`: a number with a name is compared, as MISRA C:2012 14.4 asks.
-    pub fn tested(&self) -> String {
-        let condition = self.condition();
-        if condition.binding == Binding::Atom { format!("{} != 0", condition.text) } else { condition.text }
+    /// A call of a function of one number, defined for all.
+    pub fn of_one(name: &str, x: &Self) -> Self {
+        let x = x.real();
+        Expression::new(format!("{name}({})", x.text), Binding::Atom, Kind::Real, x.size + 1).made_of(&[&x])
     }
 
     /// A call of a function of one number.
     pub fn unary(function: Unary, x: &Self) -> Self {
         let (x, size) = (x.real(), x.size + 1);
-        let call =
-            |name: &str| Expression::new(format!("{name}({})", x.text), Binding::Atom, Kind::Real, size).made_of(&[&x]);
+        let call = |name: &str| Expression::of_one(name, &x);
         let of_library = |name: &str| call(&format!("F({name})"));
         match function {
             Unary::Neg => {

@@ -6,16 +6,19 @@ use std::fmt::Write;
 use std::mem::{replace, take};
 
 use super::blocks::{Block, Blocks, Placed, ROOT, Wanted, arm, placed};
-use super::expression::{Expression, Kind};
+use super::expression::{Binding, Expression, Kind};
 use super::loops::Loops;
 use super::names::Names;
+use super::operation;
 use crate::recording::{Node, Operation};
-use crate::scalar::Opaque;
 
 /// Expressions of more operations get a name, so that a person can follow them.
 const LARGEST: usize = 12;
 /// Lines are broken before this column.
 const WIDTH: usize = 118;
+
+/// Places in C by those of selections that are written there, each with the loops that read it.
+pub type Targets = BTreeMap<usize, (String, Vec<usize>)>;
 
 /// Lines of C that compute some operations.
 #[derive(Debug)]
@@ -30,8 +33,8 @@ pub struct Function<'a> {
     conditions: &'static str,
     /// Loops over lanes among the operations.
     pub loops: Loops,
-    /// Places of selections in C, by theirs among the operations: what is written there is no variable.
-    pub targets: BTreeMap<usize, String>,
+    /// Selections that are written to a place of their own, not to a variable.
+    pub targets: Targets,
     /// Selections that nothing reads but as whole numbers.
     pub whole: BTreeSet<usize>,
 }
@@ -84,7 +87,9 @@ impl<'a> Function<'a> {
 
     /// The lines.
     pub fn lines(self) -> String {
-        let used = self.declared.into_iter().filter(|(name, _)| self.used.contains(name));
+        // What is read where it is written needs no name.
+        let is_named = |name: &String| self.used.contains(name) && has_word(&self.lines, name);
+        let used = self.declared.iter().filter(|(name, _)| is_named(name)).cloned().collect::<Vec<_>>().into_iter();
         used.map(|(_, line)| line).chain([self.lines]).collect()
     }
 
@@ -207,7 +212,7 @@ impl<'a> Function<'a> {
             }
             Operation::Part(from, number) if self.loops.contains_key(&from.index()) => self.part(*from, *number, scope),
             Operation::Part(from, number) => self.named_or_inline(place, self.part(*from, *number, scope), scope),
-            _ => self.named_or_inline(place, expression(operation, scope), scope),
+            _ => self.named_or_inline(place, operation::expression(operation, scope), scope),
         };
         scope.found[place] = Some(found);
         true
@@ -279,30 +284,54 @@ impl<'a> Function<'a> {
         }
         let mut names = Vec::new();
         for (&place, selection) in group.iter().zip(&selections) {
-            if let (Some(target), Kind::Real) = (self.targets.get(&place), selection.kind) {
-                names.push((target.clone(), Kind::Real));
+            if let (Some(target), Kind::Real) = (self.target(place, scope), selection.kind) {
+                names.push((target, Kind::Real));
                 continue;
             }
             let (name, of) = self.new_name(place, (scope.named)(Node::at(place)), selection.kind, scope);
             self.line(&format!("{of} {name};"));
             names.push((name, selection.kind));
         }
-        self.line(&format!("if ({}) {{", condition.tested()));
-        for (k, (lines, values)) in [taken, other].into_iter().enumerate() {
-            self.lines.push_str(&lines);
-            self.indent += 1;
-            for ((name, kind), value) in names.iter().zip(values) {
-                let value = if *kind == Kind::Real { value.real() } else { value.whole() };
-                if value.text != *name {
-                    self.line(&format!("{name} = {};", value.text));
-                }
-            }
-            self.indent -= 1;
-            self.line(if k == 0 { "} else {" } else { "}" });
+        let arms = [taken, other].map(|(lines, values)| lines + &self.given(&names, &values));
+        let condition = self.tested(&condition);
+        self.line(&format!("if ({condition}) {{"));
+        self.lines.push_str(&arms[0]);
+        if !arms[1].is_empty() {
+            self.line("} else {");
+            self.lines.push_str(&arms[1]);
         }
+        self.line("}");
         for (&place, (name, kind)) in group.iter().zip(names) {
             scope.found[place] = Some(Expression::atom(name, kind));
         }
+    }
+
+    /// Lines of an arm that give places and variables their values, but for those that places have.
+    fn given(&mut self, names: &[(String, Kind)], values: &[Expression]) -> String {
+        let outer = take(&mut self.lines);
+        self.indent += 1;
+        for ((name, kind), value) in names.iter().zip(values) {
+            let value = if *kind == Kind::Real { value.real() } else { value.whole() };
+            let read = format!(" {} = {name};", value.text);
+            if value.text != *name && !self.declared.iter().any(|(_, line)| line.contains(&read)) {
+                self.line(&format!("{name} = {};", value.text));
+            }
+        }
+        self.indent -= 1;
+        replace(&mut self.lines, outer)
+    }
+
+    /// The place in C that a selection is written to, if no loop that is still to come reads it.
+    fn target(&self, place: usize, scope: &Scope) -> Option<String> {
+        let (target, readers) = self.targets.get(&place)?;
+        readers.iter().all(|reader| scope.found[*reader].is_some()).then(|| target.clone())
+    }
+
+    /// Text of the condition of an `if`: a whole number with a name is compared, as MISRA C:2012 14.4 asks.
+    pub fn tested(&self, expression: &Expression) -> String {
+        let condition = expression.condition();
+        let is_number = condition.binding == Binding::Atom && self.conditions == "int";
+        if is_number { format!("{} != 0", condition.text) } else { condition.text }
     }
 
     /// One of two, as a whole number where it is wanted so.
@@ -417,34 +446,6 @@ fn waits(place: usize, scope: &Scope) -> bool {
         }
     }
     false
-}
-
-fn expression(operation: &Operation, scope: &Scope) -> Expression {
-    let of = |node: &Node| scope.of(*node);
-    match operation {
-        Operation::Constant(bits) => Expression::number(f64::from_bits(*bits)),
-        Operation::Unary(function, a) => Expression::unary(*function, of(a)),
-        Operation::Binary(operation, a, b) => Expression::binary(*operation, of(a), of(b)),
-        Operation::Powi(a, exponent) => Expression::powi(of(a), *exponent),
-        Operation::Powf(a, bits) => Expression::powf(of(a), f64::from_bits(*bits)),
-        Operation::Compare(comparison, a, b) => Expression::compare(*comparison, of(a), of(b)),
-        Operation::Not(a) => Expression::not(of(a)),
-        Operation::And(a, b) => Expression::and(of(a), of(b)),
-        Operation::Or(a, b) => Expression::or(of(a), of(b)),
-        Operation::Select(condition, yes, no) => Expression::select(of(condition), of(yes), of(no)),
-        Operation::Opaque(function, arguments) => {
-            let arguments: Vec<Expression> = arguments.iter().map(|argument| of(argument).clone()).collect();
-            let name = match function {
-                Opaque::Noise => "noise",
-                Opaque::Uniform => "uniform_number",
-            };
-            Expression::call(name, &arguments)
-        }
-        // Handled where statements are made.
-        Operation::Part(..) | Operation::Leaf(_) | Operation::Carried(_) | Operation::Iterate { .. } => {
-            Expression::number(f64::NAN)
-        }
-    }
 }
 
 impl Function<'_> {

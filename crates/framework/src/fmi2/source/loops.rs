@@ -32,6 +32,17 @@ pub struct Lanes {
     /// Arrays in C that results are written to, and nothing else: the element of the first lane, and those from lane to lane. Others have
     /// an array of the loop.
     pub targets: Vec<Option<(String, usize, usize)>>,
+    /// The function that computes the results of a single lane, where there is one.
+    pub call: Option<Call>,
+}
+
+/// A call of a function that writes numbers to an array.
+#[derive(Debug, Clone)]
+pub struct Call {
+    /// Its name.
+    pub function: String,
+    /// Its arguments before the array.
+    pub arguments: String,
 }
 
 impl Lanes {
@@ -74,6 +85,9 @@ impl Function<'_> {
         place: usize,
         scope: &mut Scope,
     ) -> Expression {
+        if let Some(call) = &lanes.call {
+            return self.call(call, lanes.targets.len(), place, scope);
+        }
         let guard = self.guard(place, scope).map_or(String::new(), |guard| format!("({}) && ", guard.text));
         let [array, counter] = ["s", "i"].map(|of| self.names.numbered(of, place));
         let mut captured = captured.iter();
@@ -96,6 +110,24 @@ impl Function<'_> {
         let found = self.part_of_body(body, &body.next, &|_| None, &carried);
         self.results(lanes, found, (&array, &counter), place);
         self.end("}");
+        Expression::atom(array, Kind::Real)
+    }
+
+    /// A call of a function; its results are in an array, whose name is the expression.
+    fn call(&mut self, call: &Call, results: usize, place: usize, scope: &mut Scope) -> Expression {
+        let guard = self.guard(place, scope);
+        let array = self.names.numbered("s", place);
+        let start = if guard.is_some() { " = { R(0.0) }" } else { "" };
+        self.line(&format!("real {array}[{results}]{start};"));
+        let line = format!("{}({}, {array});", call.function, call.arguments);
+        match guard {
+            Some(guard) => {
+                self.begin(&format!("if ({}) {{", guard.text));
+                self.line(&line);
+                self.end("}");
+            }
+            None => self.line(&line),
+        }
         Expression::atom(array, Kind::Real)
     }
 
@@ -202,7 +234,8 @@ impl Function<'_> {
         };
         let unnamed = |_| None;
         let condition = self.part_of_body(body, &[body.goes_on], &unnamed, &carried);
-        self.line(&format!("if (!({})) break;", condition[0].tested()));
+        let condition = self.tested(&condition[0]);
+        self.line(&format!("if (!({condition})) break;"));
         let next = self.part_of_body(body, &body.next, &unnamed, &carried);
         let next: Vec<String> = next.iter().map(|value| value.real().text).collect();
         // All of the new state follows from the old one.

@@ -15,6 +15,7 @@ mod header;
 pub(crate) mod loops;
 mod message;
 pub(crate) mod names;
+mod operation;
 mod tables;
 
 use crate::error::Invalid;

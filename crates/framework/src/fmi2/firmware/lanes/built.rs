@@ -125,7 +125,7 @@ impl Builder<'_> {
         let body = Arc::new(Body { operations: body, goes_on: next[0], next });
         let place = self.add(Operation::Iterate { body, most: count, start: Vec::new(), captured });
         let targets = vec![None; self.all[number].results.len()];
-        self.loops.insert(place.index(), Lanes { count, inputs, targets });
+        self.loops.insert(place.index(), Lanes { count, inputs, targets, call: None });
         self.all[number].place = Some(place);
         place
     }

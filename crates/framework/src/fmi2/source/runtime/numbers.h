@@ -27,6 +27,13 @@ static inline real wrapped(real angle)
     return (F(fabs)(angle) < R(3.141592653589793)) ? angle : wrapped_far(angle);
 }
 
+/* The whole turns from an angle to within a half turn. */
+static inline real turns(real angle)
+{
+    const real turn = R(6.283185307179586);
+    return (F(fabs)(angle) < R(3.141592653589793)) ? R(0.0) : (F(round)((wrapped_far(angle) - angle) / turn) * turn);
+}
+
 /* The integer that a number is, without its fraction: the nearest there is where it is too large, 0 of what is no number. */
 static inline int whole(real x)
 {
