@@ -12,7 +12,7 @@ use crate::design::nominal::poles_of;
 use crate::design::response::{Response, grid};
 use crate::design::zeros;
 
-/// Part of itself by which a gain may change between two points where it crosses: the line between them is off by an
+/// Part of itself by which a gain may change between two points where it crosses: the line between them has an error of an
 /// eighth of its square.
 const SHORT: f64 = 0.05;
 /// The most halvings of an interval of the grid.
@@ -118,7 +118,7 @@ impl Point {
         })
     }
 
-    /// True if a gain crosses the axis or the unit circle before another point, and changes by more than `SHORT` of itself.
+    /// True if a gain crosses the axis or a magnitude of 1 before another point, and changes by more than `SHORT` of itself.
     fn crosses_far(&self, other: &Point) -> bool {
         let far = |before: Complex<f64>, after: Complex<f64>| {
             (after - before).norm() > SHORT * before.norm().min(after.norm())
@@ -126,16 +126,16 @@ impl Point {
         let axis =
             self.alone.iter().zip(&other.alone).filter(|(before, after)| crosses_axis(**before, **after).is_some());
         let both = [(&self.alone, &other.alone), (&self.together, &other.together)].into_iter();
-        let circle = both
+        let magnitude = both
             .flat_map(|(from, to)| from.iter().zip(to))
             .filter(|(before, after)| crosses_one(**before, **after).is_some());
-        axis.chain(circle).any(|(&before, &after)| far(before, after))
+        axis.chain(magnitude).any(|(&before, &after)| far(before, after))
     }
 }
 
 impl Margins {
     /// Takes a point and, where a gain crosses far from the last one, points between: near a lightly damped mode the
-    /// straight line between two points of the grid is off by several percent.
+    /// straight line between two points of the grid has an error of several percent.
     fn take_interval(&mut self, last: &Point, now: &Point, at: &impl Fn(f64) -> Option<Point>, halvings: usize) {
         let middle = if halvings > 0 && last.crosses_far(now) { at((last.omega * now.omega).sqrt()) } else { None };
         let Some(middle) = middle else { return self.take(now, Some(last)) };
