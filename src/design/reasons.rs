@@ -101,7 +101,7 @@ fn best<L: Law>(plant: &Nominal) -> Option<String> {
     }
     let (channel, mut best) = (plant.single(), None);
     let mut modulus = WORST;
-    for speed in speeds(plant) {
+    for speed in speeds(plant).concat() {
         while let Some((gains, sign)) = L::candidates(&channel, &Asked { speed, modulus, all: false }, None).next() {
             let Some(found) = modulus_of::<L>(plant, &[gains], &DMatrix::from_element(1, 1, sign)) else { break };
             best = Some((speed, found));

@@ -12,7 +12,7 @@ use super::response::logarithmic;
 /// Speeds in a decade, and how many are tried below W, and above it for an unstable plant.
 const PER_DECADE: f64 = 8.0;
 const SPEEDS: i32 = 24;
-/// How many slower ones are tried where none of them serves: next to a lightly damped mode a rough control must be slow.
+/// How many slower ones are tried where none of them serves: a control that doesn't damp a light mode must be slow.
 const SLOWER: i32 = 8;
 /// Factor of M_s that several channels may have.
 const SEVERAL: f64 = 1.1;
@@ -84,9 +84,8 @@ pub struct Has {
 /// The first design at the speeds W, W 10^(−1/8), …, for an unstable plant at faster ones then; with a smaller modulus
 /// margin where none has the usual one; at still slower ones where none has either.
 pub fn search<L: Law>(plant: &Nominal) -> Option<Found<L::Gains>> {
-    let slower: Vec<_> = (SPEEDS + 1..=SPEEDS + SLOWER).map(|k| speed(-k)).collect();
     let factor = factor(plant);
-    let asked = [speeds(plant), slower].into_iter().flat_map(|speeds| {
+    let asked = speeds(plant).into_iter().flat_map(|speeds| {
         let each = move |modulus| speeds.clone().into_iter().map(move |speed| Asked { speed, modulus, all: true });
         L::MODULUS.map(|modulus| factor * modulus).into_iter().flat_map(each)
     });
@@ -103,11 +102,12 @@ pub fn factor(plant: &Nominal) -> f64 {
     if plant.channels() > 1 { SEVERAL } else { 1.0 }
 }
 
-/// The speeds that are tried, in W.
-pub fn speeds(plant: &Nominal) -> Vec<f64> {
+/// The speeds that are tried, in W, and those that are tried then.
+pub fn speeds(plant: &Nominal) -> [Vec<f64>; 2] {
     let slower = (0..=SPEEDS).map(|k| -k);
     let faster = (1..=SPEEDS).filter(|_| plant.is_unstable());
-    slower.chain(faster).map(speed).collect()
+    let still_slower = (SPEEDS + 1..=SPEEDS + SLOWER).map(|k| -k);
+    [slower.chain(faster).map(speed).collect(), still_slower.map(speed).collect()]
 }
 
 fn speed(eighths: i32) -> f64 {

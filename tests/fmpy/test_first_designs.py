@@ -22,7 +22,7 @@ MODULUS = {"pid": 2.0, "ladrc": 2.5}
 # Without a note that margins are small.
 USUAL = {"pid": 1.7, "ladrc": 2.0}
 SEVERAL = 1.1
-# Half of the last of three digits.
+# Half of the last of three digits, and what lines between points of a grid leave.
 PRINTED = 0.006
 EACH = 20 if ALL else 3
 # Classes in which a plant may have no design; elsewhere all have one.

@@ -87,7 +87,7 @@ struct Point {
     modulus: f64,
     /// Gain of the open loop of each channel, the others closed.
     alone: Vec<Complex<f64>>,
-    /// Eigenvalues of the open loop, by size.
+    /// Eigenvalues of the open loop.
     together: Vec<Complex<f64>>,
     followed: f64,
     noise: f64,
@@ -105,9 +105,8 @@ impl Point {
         if !followed.iter().chain(noise.iter()).all(|entry| entry.is_finite()) {
             return None;
         }
-        let mut together: Vec<_> =
+        let together =
             if m == 1 { vec![gain[(0, 0)]] } else { gain.clone().schur().eigenvalues()?.iter().copied().collect() };
-        together.sort_by(|one, other| one.norm().total_cmp(&other.norm()));
         Some(Point {
             omega,
             modulus: sensitivity(&gain),
@@ -123,13 +122,25 @@ impl Point {
         let far = |before: Complex<f64>, after: Complex<f64>| {
             (after - before).norm() > SHORT * before.norm().min(after.norm())
         };
-        let axis =
-            self.alone.iter().zip(&other.alone).filter(|(before, after)| crosses_axis(**before, **after).is_some());
-        let both = [(&self.alone, &other.alone), (&self.together, &other.together)].into_iter();
-        let magnitude = both
-            .flat_map(|(from, to)| from.iter().zip(to))
-            .filter(|(before, after)| crosses_one(**before, **after).is_some());
-        axis.chain(magnitude).any(|(&before, &after)| far(before, after))
+        let axis = self.alone_with(other).filter(|(before, after)| crosses_axis(*before, *after).is_some());
+        let both = self.alone_with(other).chain(self.together_with(other));
+        let magnitude = both.filter(|(before, after)| crosses_one(*before, *after).is_some());
+        axis.chain(magnitude).any(|(before, after)| far(before, after))
+    }
+
+    /// Gains of single channels here and at another point.
+    fn alone_with(&self, other: &Point) -> impl Iterator<Item = (Complex<f64>, Complex<f64>)> {
+        self.alone.iter().copied().zip(other.alone.iter().copied())
+    }
+
+    /// Eigenvalues here, each with the nearest one at another point that is left.
+    fn together_with(&self, other: &Point) -> impl Iterator<Item = (Complex<f64>, Complex<f64>)> {
+        let mut left = other.together.clone();
+        self.together.iter().map(move |&before| {
+            let apart = |k: &usize| (left[*k] - before).norm();
+            let nearest = (0..left.len()).min_by(|one, other| apart(one).total_cmp(&apart(other)));
+            (before, left.swap_remove(nearest.expect("there are as many")))
+        })
     }
 }
 
@@ -152,7 +163,7 @@ impl Margins {
         if now.followed < std::f64::consts::FRAC_1_SQRT_2 && self.bandwidth == f64::INFINITY {
             self.bandwidth = now.omega;
         }
-        for (&before, &after) in last.alone.iter().zip(&now.alone) {
+        for (before, after) in last.alone_with(now) {
             if let Some(factor) = crosses_axis(before, after) {
                 self.take_factor(factor);
             }
@@ -162,7 +173,7 @@ impl Margins {
                 self.phase = Some(self.phase.map_or(margin, |least| least.min(margin)));
             }
         }
-        for (&before, &after) in last.together.iter().zip(&now.together) {
+        for (before, after) in last.together_with(now) {
             if let Some((phase, part)) = crosses_one(before, after) {
                 let delay = phase / (last.omega * (now.omega / last.omega).powf(part));
                 self.delay = Some(self.delay.map_or(delay, |least| least.min(delay)));
@@ -200,4 +211,38 @@ fn crosses_one(before: Complex<f64>, after: Complex<f64>) -> Option<(f64, f64)> 
     // Its argument moves evenly, not the gain itself, which would cut the corner.
     let turned = before.arg() + part * (after / before).arg();
     Some(((turned + PI).rem_euclid(2.0 * PI), part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eigenvalues_of_one_size_are_followed_each() {
+        let point = |together: [Complex<f64>; 2]| Point {
+            omega: 1.0,
+            modulus: 1.0,
+            alone: Vec::new(),
+            together: together.to_vec(),
+            followed: 1.0,
+            noise: 1.0,
+        };
+        let at = |turned: f64| [Complex::from_polar(1.0, 1.0 + turned), Complex::from_polar(1.0, -1.0 + turned)];
+        let [one, other] = at(0.1);
+        let (before, after) = (point(at(0.0)), point([other, one]));
+        let pairs: Vec<_> = before.together_with(&after).collect();
+        assert!(pairs.iter().all(|(before, after)| ((after / before).arg() - 0.1).abs() < 1e-12), "{pairs:?}");
+    }
+
+    #[test]
+    fn only_a_far_crossing_needs_points_between() {
+        let gain = |re: f64, im: f64| Complex::new(re, im);
+        let point =
+            |own| Point { omega: 1.0, modulus: 1.0, alone: vec![own], together: vec![own], followed: 1.0, noise: 1.0 };
+        let far = |before, after| point(before).crosses_far(&point(after));
+        assert!(far(gain(-0.2, 0.1), gain(-0.1, -0.1)), "the axis");
+        assert!(far(gain(0.5, 0.5), gain(1.5, 0.5)), "a magnitude of 1");
+        assert!(!far(gain(-0.2, 0.001), gain(-0.2, -0.001)), "near");
+        assert!(!far(gain(-0.2, 0.2), gain(-0.1, 0.1)), "no crossing");
+    }
 }

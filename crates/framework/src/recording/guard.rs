@@ -237,11 +237,15 @@ pub fn followed(operations: &[Operation], wanted: &[(Node, Option<Node>)]) -> Ve
     operations
 }
 
-/// Has operations that are equal now share one result.
+/// Has operations that are equal now share one result, but for loops over lanes, whose inputs aren't among the operations.
 fn share(operations: &mut [Operation]) {
     let (mut first, mut places) = (HashMap::new(), Vec::with_capacity(operations.len()));
     for (place, operation) in operations.iter_mut().enumerate() {
         *operation = operation.over(|node| places[node.index()]);
+        if matches!(operation, Operation::Iterate { start, .. } if start.is_empty()) {
+            places.push(Node::at(place));
+            continue;
+        }
         places.push(*first.entry(operation.clone()).or_insert(Node::at(place)));
     }
 }

@@ -47,6 +47,9 @@ impl Common {
 
 /// Has the start and the event of a law share what both compute, where that is much.
 pub(super) fn share(law: &mut Law) {
+    if law.indicators.is_empty() {
+        return;
+    }
     let [start, event] = [&law.recorded.start, &law.recorded.event].map(|recording| wanted(law, recording));
     let tapes = [&law.recorded.start, &law.recorded.event].map(|recording| recording.tape.operations());
     let is_given = |leaf: Leaf| {

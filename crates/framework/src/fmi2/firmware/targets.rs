@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use super::functions::Written;
 use super::lanes::Rolled;
 use crate::fmi2::source::expression::Kind;
-use crate::fmi2::source::function::Targets;
 use crate::fmi2::source::loops::{Input, Loops, element, elements};
+use crate::fmi2::source::written::Targets;
 use crate::recording::{Node, Operation};
 
 /// The operations and loops of a function, whose results have targets where these can be, and the targets of selections.

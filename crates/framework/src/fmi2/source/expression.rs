@@ -130,7 +130,7 @@ impl Expression {
         }
     }
 
-    /// A call of a function of one number, defined for all.
+    /// A call of the runtime's function of one number.
     pub fn of_one(name: &str, x: &Self) -> Self {
         let x = x.real();
         Expression::new(format!("{name}({})", x.text), Binding::Atom, Kind::Real, x.size + 1).made_of(&[&x])

@@ -10,6 +10,7 @@ use super::expression::{Binding, Expression, Kind};
 use super::loops::Loops;
 use super::names::Names;
 use super::operation;
+use super::written::Targets;
 use crate::recording::{Node, Operation};
 
 /// Expressions of more operations get a name, so that a person can follow them.
@@ -17,18 +18,15 @@ const LARGEST: usize = 12;
 /// Lines are broken before this column.
 const WIDTH: usize = 118;
 
-/// Places in C by those of selections that are written there, each with the loops that read it.
-pub type Targets = BTreeMap<usize, (String, Vec<usize>)>;
-
 /// Lines of C that compute some operations.
 #[derive(Debug)]
 pub struct Function<'a> {
     pub(super) names: &'a mut Names,
     /// Names of values from elsewhere and their lines, which come first where they are used.
-    declared: Vec<(String, String)>,
+    pub(super) declared: Vec<(String, String)>,
     used: BTreeSet<String>,
-    lines: String,
-    indent: usize,
+    pub(super) lines: String,
+    pub(super) indent: usize,
     /// The type of conditions in C.
     conditions: &'static str,
     /// Loops over lanes among the operations.
@@ -46,10 +44,10 @@ pub(super) struct Scope<'a> {
     uses: Vec<u32>,
     blocks: Blocks,
     /// Blocks that are being written, from the function itself inwards, and the lines of those that wait.
-    open: Vec<Open>,
+    pub(super) open: Vec<Open>,
     /// Index of the block that the function's lines belong to.
-    current: usize,
-    found: Vec<Option<Expression>>,
+    pub(super) current: usize,
+    pub(super) found: Vec<Option<Expression>>,
     /// True for operations that are being computed.
     is_open: Vec<bool>,
     named: &'a dyn Fn(Node) -> Option<String>,
@@ -57,7 +55,7 @@ pub(super) struct Scope<'a> {
 }
 
 /// A block that is being written.
-struct Open {
+pub(super) struct Open {
     block: Block,
     lines: String,
     indent: usize,
@@ -304,27 +302,6 @@ impl<'a> Function<'a> {
         for (&place, (name, kind)) in group.iter().zip(names) {
             scope.found[place] = Some(Expression::atom(name, kind));
         }
-    }
-
-    /// Lines of an arm that give places and variables their values, but for those that places have.
-    fn given(&mut self, names: &[(String, Kind)], values: &[Expression]) -> String {
-        let outer = take(&mut self.lines);
-        self.indent += 1;
-        for ((name, kind), value) in names.iter().zip(values) {
-            let value = if *kind == Kind::Real { value.real() } else { value.whole() };
-            let read = format!(" {} = {name};", value.text);
-            if value.text != *name && !self.declared.iter().any(|(_, line)| line.contains(&read)) {
-                self.line(&format!("{name} = {};", value.text));
-            }
-        }
-        self.indent -= 1;
-        replace(&mut self.lines, outer)
-    }
-
-    /// The place in C that a selection is written to, if no loop that is still to come reads it.
-    fn target(&self, place: usize, scope: &Scope) -> Option<String> {
-        let (target, readers) = self.targets.get(&place)?;
-        readers.iter().all(|reader| scope.found[*reader].is_some()).then(|| target.clone())
     }
 
     /// Text of the condition of an `if`: a whole number with a name is compared, as MISRA C:2012 14.4 asks.

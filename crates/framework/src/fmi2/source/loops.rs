@@ -77,6 +77,12 @@ fn counted((array, first, step): &(String, usize, usize), counter: &str) -> Stri
 }
 
 impl Function<'_> {
+    /// True if loops may write to a place in C.
+    pub(super) fn is_written_by_loops(&self, place: &str) -> bool {
+        let array = element(place).map(|(array, _)| array);
+        self.loops.values().flat_map(|lanes| lanes.targets.iter().flatten()).any(|(target, ..)| array == Some(target))
+    }
+
     /// A loop over lanes; its results are in an array, whose name is the expression.
     pub(super) fn lanes(
         &mut self,

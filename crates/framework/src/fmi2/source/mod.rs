@@ -17,6 +17,7 @@ mod message;
 pub(crate) mod names;
 mod operation;
 mod tables;
+pub(crate) mod written;
 
 use crate::error::Invalid;
 use crate::execution::Settled;

@@ -11,7 +11,7 @@ const TAKEN: &str = "auto break case char const continue default do double else 
     log2 logb lrint lround memchr memcmp memcpy memmove memset modf nan nearbyint nextafter pow power powl remainder \
     remquo rint round scalbln scalbn signbit significand sin sinh sqrt strcat strchr strcmp strcpy strlen strncat strncmp \
     strncpy tan tanh tgamma trunc y0 y1 yn abs labs div exit abort atexit free malloc calloc realloc printf puts time sign whole \
-    wrapped wrapped_far noise uniform_number log_text refuse finite drem pow10 exp10 sincos ceill signals \
+    wrapped wrapped_far turns noise uniform_number log_text refuse finite drem pow10 exp10 sincos ceill signals \
     alignas alignof and asm bitand bitor bool catch class compl concept constexpr const_cast decltype delete dynamic_cast explicit \
     export false friend mutable namespace new noexcept not nullptr operator or private protected public reinterpret_cast requires \
     static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t xor \
