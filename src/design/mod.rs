@@ -2,7 +2,7 @@
 //!
 //! A design is searched for: candidates of a control law are tried at a speed v until the nominal loop is stable, keeps a
 //! distance from −1 (the modulus margin), is damped, and is as fast as v. The search begins at v = W and goes to slower
-//! loops; for an unstable plant, which a slow loop can't hold, to faster ones too.
+//! loops; for an unstable plant, which a slow loop can't hold, to faster ones too; and last to loops that are slower still.
 //!
 //! Frequencies and times are in W and 1/W here, states in [balanced](crate::mathematics::balanced) coordinates: a plant in pascals and metres
 //! gets the design that it gets in bar and millimetres.

@@ -180,5 +180,9 @@ fn modulus<L: Law>(plant: &Nominal, gains: &[L::Gains], S: &DMatrix<f64>, poles:
     };
     let about_peaks = (0..on_grid.len()).filter(is_peak).flat_map(between).map(at);
     let modes = poles.iter().filter(|pole| pole.im > 0.0).flat_map(|pole| [pole.im, pole.norm()]);
-    about_peaks.chain(modes.map(at)).fold(largest.max(1.0), f64::max)
+    // The grid is that of the plant: a loop may be slower.
+    let slowest = 0.1 * poles.iter().map(|pole| pole.norm()).fold(f64::INFINITY, f64::min);
+    let first = plant.frequencies.first().copied().filter(|first| slowest < *first);
+    let below = first.map(|first| logarithmic(slowest, first, 0)).unwrap_or_default();
+    about_peaks.chain(modes.chain(below).map(at)).fold(largest.max(1.0), f64::max)
 }

@@ -50,7 +50,7 @@ pub(super) struct Scope<'a> {
     pub(super) found: Vec<Option<Expression>>,
     /// True for operations that are being computed.
     is_open: Vec<bool>,
-    named: &'a dyn Fn(Node) -> Option<String>,
+    pub(super) named: &'a dyn Fn(Node) -> Option<String>,
     given: &'a dyn Fn(&Operation) -> Expression,
 }
 

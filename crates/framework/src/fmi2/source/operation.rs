@@ -10,7 +10,7 @@ use crate::scalar::Opaque;
 /// The expression of an operation whose operands have theirs.
 pub(super) fn expression(operation: &Operation, scope: &Scope) -> Expression {
     let of = |node: &Node| scope.of(*node);
-    if let Some(angle) = turned(operation, scope.operations) {
+    if let Some(angle) = turned(operation, scope.operations, scope.named) {
         return Expression::of_one("turns", of(&angle));
     }
     match operation {
@@ -41,14 +41,16 @@ pub(super) fn expression(operation: &Operation, scope: &Scope) -> Expression {
 
 /// The angle a of whole turns ⌊(wrap(a) − a)/2π⌉ 2π, which lead from it to within a half turn. Laws of vehicles need them often:
 /// they are a function in C.
-fn turned(operation: &Operation, operations: &[Operation]) -> Option<Node> {
+fn turned(operation: &Operation, operations: &[Operation], named: &dyn Fn(Node) -> Option<String>) -> Option<Node> {
     let of = |node: Node| &operations[node.index()];
     let is_turn = |node: Node| *of(node) == Operation::Constant(TAU.to_bits());
     let Operation::Binary(Binary::Mul, rounded, turn) = *operation else { return None };
     let Operation::Unary(Unary::Round, turns) = *of(rounded) else { return None };
     let Operation::Binary(Binary::Div, difference, unit) = *of(turns) else { return None };
     let Operation::Binary(Binary::Sub, within, angle) = *of(difference) else { return None };
-    (is_turn(turn) && is_turn(unit) && *of(within) == Operation::Unary(Unary::Wrap, angle)).then_some(angle)
+    let is_one = is_turn(turn) && is_turn(unit) && *of(within) == Operation::Unary(Unary::Wrap, angle);
+    // A variable on the way is written in any case.
+    (is_one && [rounded, turns, difference, within].into_iter().all(|node| named(node).is_none())).then_some(angle)
 }
 
 #[cfg(test)]
@@ -61,7 +63,7 @@ mod tests {
     #[test]
     fn whole_turns_of_an_angle_are_recognised() {
         let at = Node::at;
-        let turns = |turn: f64, other: usize| {
+        let turns = |turn: f64, other: usize, named: usize| {
             let operations = vec![
                 Operation::Carried(0),
                 Operation::Carried(1),
@@ -71,9 +73,10 @@ mod tests {
                 Operation::Binary(Binary::Div, at(4), at(2)),
                 Operation::Unary(Unary::Round, at(5)),
             ];
-            turned(&Operation::Binary(Binary::Mul, at(6), at(2)), &operations)
+            let name = |node: Node| (node == at(named)).then(|| "e".to_owned());
+            turned(&Operation::Binary(Binary::Mul, at(6), at(2)), &operations, &name)
         };
-        assert_eq!(turns(TAU, 0), Some(at(0)));
-        assert_eq!((turns(PI, 0), turns(TAU, 1)), (None, None));
+        assert_eq!(turns(TAU, 0, 0), Some(at(0)));
+        assert_eq!((turns(PI, 0, 0), turns(TAU, 1, 0), turns(TAU, 0, 3)), (None, None, None));
     }
 }
