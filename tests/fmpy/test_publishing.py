@@ -60,6 +60,15 @@ def test_packages_have_one_version_and_ask_for_each_other_by_it(name: str) -> No
     assert [needed["req"] for needed in own] == [f"^{package['version']}"] * len(own)
 
 
+def test_lock_files_and_the_citation_have_the_version_of_the_packages() -> None:
+    version = PUBLISHED["adaptive-fmu"]["version"]
+    files = subprocess.run(["git", "ls-files", "*Cargo.lock"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    found = {file: re.findall(r'name = "(.*)"\nversion = "(.*)"', (ROOT / file).read_text()) for file in files}
+    others = {(file, name): of for file, packages in found.items() for name, of in packages if name in PUBLISHED and of != version}
+    assert len(found) > 1 and others == {}
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+
+
 def test_the_changelog_has_the_version_of_the_packages_and_dates() -> None:
     headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert headings[0] == "[Unreleased]"
