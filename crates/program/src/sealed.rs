@@ -151,7 +151,12 @@ fn compare(was: &Value, is: &Value, way: String, found: &mut Vec<String>) {
             compare(&was[key], &is[key], way, found);
         }
     } else if was != is {
-        let text = |value: &Value| if value.is_null() { "not there".to_owned() } else { value.to_string() };
+        let text = |value: &Value| match value {
+            Value::Null => "not there".to_owned(),
+            // Of one that appears or goes, the members would fill the message.
+            Value::Object(_) => "there".to_owned(),
+            _ => value.to_string(),
+        };
         found.push(format!("{way} was {}, is {}", text(was), text(is)));
     }
 }
@@ -170,6 +175,7 @@ mod tests {
         assert_eq!(differences(&was, &was), [""; 0]);
         assert_eq!(differing(&was, &is).unwrap(), "a.b was 1, is 2; a.e was not there, is true");
         assert_eq!(differing(&was, &was), None);
+        assert_eq!(differences(&json!({}), &json!({ "run": { "step": 1 } })), ["run was not there, is there"]);
         let many: Value =
             (0..10).map(|k| (format!("k{k}"), json!("x".repeat(400)))).collect::<serde_json::Map<_, _>>().into();
         let text = differing(&json!({}), &many).unwrap();
