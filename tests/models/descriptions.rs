@@ -174,7 +174,10 @@ fn the_author_of_an_fmu_is_in_its_xml_and_in_its_guid() {
     for wrong in ["author = \"\"", "version = \" 1\"", "license = \"two\\nlines\""] {
         refused(
             &controller("model = ", &format!("{wrong}\nmodel = ")).replace(
-                "\nauthor = \"The adaptive-fmu authors\"\nversion = \"0.1.0\"\nlicense = \"MIT OR Apache-2.0\"",
+                &format!(
+                    "\nauthor = \"The adaptive-fmu authors\"\nversion = \"{}\"\nlicense = \"MIT OR Apache-2.0\"",
+                    env!("CARGO_PKG_VERSION")
+                ),
                 "",
             ),
             &["must be one line of 1 … 200"],
