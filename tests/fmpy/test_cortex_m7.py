@@ -55,7 +55,7 @@ FOLLOWED = 100
 # One is designed for this plant, and has so many substeps in a loop with it.
 MOTOR, MOTOR_STEPS = ROOT / "examples" / "zoo" / "dc_motor.json", 32
 # The most instructions for an operation of a data sheet, for a function of <math.h>, whose argument may be large, and for the rest.
-AN_OPERATION, A_FUNCTION, REST = 2.5, 1300, 500
+AN_OPERATION, A_FUNCTION, REST = 2.5, 2500, 500
 # What firmware doesn't have.
 FORBIDDEN = {"malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "printf", "snprintf", "exit", "abort"}
 
