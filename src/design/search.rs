@@ -12,7 +12,7 @@ use super::response::logarithmic;
 /// Speeds in a decade, and how many are tried below W, and above it for an unstable plant.
 const PER_DECADE: f64 = 8.0;
 const SPEEDS: i32 = 24;
-/// How many slower ones are tried where none of them serves: a control that doesn't damp a light mode must be slow.
+/// Number of slower speeds that are tried where none of these serves: a control that doesn't damp a light mode must be slow.
 const SLOWER: i32 = 8;
 /// Factor of M_s that several channels may have.
 const SEVERAL: f64 = 1.1;
@@ -102,7 +102,7 @@ pub fn factor(plant: &Nominal) -> f64 {
     if plant.channels() > 1 { SEVERAL } else { 1.0 }
 }
 
-/// The speeds that are tried, in W, and those that are tried then.
+/// The usual speeds, in W, and slower ones for where none of them serves.
 pub fn speeds(plant: &Nominal) -> [Vec<f64>; 2] {
     let slower = (0..=SPEEDS).map(|k| -k);
     let faster = (1..=SPEEDS).filter(|_| plant.is_unstable());

@@ -1,6 +1,7 @@
 /* Takes the steps of a law over recorded inputs, and tells what they took and what they gave, all in hexadecimal:
  *
  *     step TICKS OUTPUT ...    ticks of the timer, and the bits of each output
+ *     event STEP               in which an indicator changed sides, or the status
  *     refused STEPS            how many steps were refused
  *     empty TICKS              between two readings of the timer with nothing in between
  *     stack BYTES              the most that a step has used
@@ -25,10 +26,12 @@ typedef struct {
 /* Of the linker script. */
 extern uint32_t stack_end[];
 
-/* recorded.h names the law: its types and functions, how many outputs it has, and what its inputs are. */
+/* recorded.h names the law: its types and functions, how many outputs it has, what its inputs are, and the sides of its
+ * indicators. */
 static law controller;
 static law_real outputs[RECORDED_STEPS][LAW_OUTPUTS];
 static uint32_t ticks[RECORDED_STEPS];
+static unsigned char has_event[RECORDED_STEPS];
 
 /* What is told next: the longest line has all outputs, 17 characters each. */
 static char line[32 + 17 * LAW_OUTPUTS];
@@ -106,19 +109,26 @@ int main(void)
     begin();
     const uint32_t empty = passed();
     law_init(&controller);
-    uint32_t refused = 0;
+    uint32_t refused = 0, last = 0;
     const uint32_t *top = paint();
     for (int step = 0; step < RECORDED_STEPS; step++) {
+        const uint32_t sides = LAW_SIDES(controller);
         begin();
         /* Structs of numbers alone. */
         const uint32_t status =
             law_step(&controller, (const law_inputs *)(const void *)recorded[step], (law_outputs *)(void *)outputs[step]);
         ticks[step] = passed();
+        /* Sides that a discrete value turns are the same after its event. */
+        has_event[step] = LAW_SIDES(controller) != sides || status != last;
+        last = status;
         refused += (status & LAW_REFUSED) != 0;
     }
     const uint32_t stack = used_below(top);
     for (int step = 0; step < RECORDED_STEPS; step++) {
         tell_step(step);
+        if (has_event[step]) {
+            tell_number("event", (uint32_t)step);
+        }
     }
     tell_number("refused", refused);
     tell_number("empty", empty);

@@ -105,7 +105,7 @@ fn common(tapes: [&[Operation]; 2], wanted: [&[Node]; 2], is_given: &dyn Fn(Leaf
 /// Operations of a method.
 struct Method<'a> {
     operations: &'a [Operation],
-    /// Numbers that operations of all methods have: of those with one number the same is computed.
+    /// A number for each operation, the same in all methods where the same is computed.
     numbers: Vec<usize>,
     is_needed: Vec<bool>,
     wanted: &'a [Node],
@@ -164,7 +164,7 @@ impl<'a> Method<'a> {
     }
 }
 
-/// True for an operation whose result is a real number, and that isn't one already.
+/// True for an operation that computes a real number.
 fn is_number(operation: &Operation) -> bool {
     !matches!(
         operation,
@@ -185,7 +185,7 @@ fn operations_of(operations: &[Operation], results: &[Node]) -> Vec<usize> {
     (0..operations.len()).filter(is_one).collect()
 }
 
-/// Where a call can be that gives the results: before all of them, in place of an operation that nothing else needs.
+/// Place of a call that gives the results: before all of them, that of an operation that nothing else needs.
 fn place_of_call(operations: &[Operation], wanted: &[Node], results: &[Node]) -> Option<Node> {
     let first = results.iter().min()?.index();
     let mut without = operations.to_vec();

@@ -365,7 +365,7 @@ fn bits(law: &Law, structs: &Structs) -> String {
 }
 
 /// Lines, once for each of these elements `i`.
-pub(super) fn looped((first, end): (usize, usize), lines: &str) -> String {
+fn looped((first, end): (usize, usize), lines: &str) -> String {
     format!("    for (int i = {first}; i < {end}; i++) {{\n{}    }}\n", indented(lines))
 }
 

@@ -189,16 +189,16 @@ fn refuse(function: &mut Function, conditions: &[Expression], refusals: &[(Node,
         for (_, reason) in &refusals[number - 1..number - 1 + end - first] {
             function.whole_line(&format!("/* {} */", ascii(reason)));
         }
+        let back = match elements {
+            Some((0, _)) => format!("{number} + i"),
+            Some((first, _)) => format!("{number} + i - {first}"),
+            None => number.to_string(),
+        };
         if elements.is_some() {
             function.begin(&format!("for (int i = {first}; i < {end}; i++) {{"));
         }
         function.begin(&format!("if ({text}) {{"));
-        let back = if number == first {
-            "i".to_owned()
-        } else {
-            format!("i {} {}", if number > first { "+" } else { "-" }, number.abs_diff(first))
-        };
-        function.whole_line(&format!("return {};", if elements.is_some() { back } else { number.to_string() }));
+        function.whole_line(&format!("return {back};"));
         function.end("}");
         if elements.is_some() {
             function.end("}");
