@@ -11,22 +11,10 @@ from pathlib import Path
 
 import pytest
 from conftest import PROGRAM
+from ensembles import STUDIES
 from sample import ALL, NUMBER
 
 POCL = "Portable Computing Language"
-# A loop, what varies, the metric of the requirement, and further options: noise that is sampled, limits, and an event among them.
-STUDIES = {
-    "plain": ("3.2.1-cosine", ["plant.omega=±30%", "adaptation_gain=1e4..1e5/log"], "max |u|", ["--until", "2"]),
-    "an event": (
-        "3.2.1-cosine",
-        ["plant.omega=±30%", "event[1].time=0.2..0.8"],
-        "max |u|",
-        ["--until", "1", "--event", "0.5: reference.offset[1]=0.5"],
-    ),
-    "noise": ("3.3.1-case2-bench", ["plant.m1=±10%"], "max", ["--until", "0.2"]),
-    "limits": ("3.3.2-case1-rotors", ["plant.g=±5%"], "max", ["--until", "1"]),
-    "a fuzzy law": ("4-case1-fuzzy", ["plant.C[1,1]=±20%"], "max", ["--until", "0.1"]),
-}
 
 
 def answer(*words: object, device: str | None = POCL) -> subprocess.CompletedProcess:
@@ -91,7 +79,16 @@ def test_what_is_not_for_fixed_steps_is_made_by_the_processor_and_the_reason_is_
 
 def test_a_study_goes_on_where_it_ended(device: str, tmp_path: Path) -> None:
     loop, vary, _, _ = STUDIES["plain"]
-    words = [loop, *(word for text in vary for word in ("--vary", text)), "--require", "max |u| <= 1", "--until", "0.2", "--backend", "gpu"]
+    words = [
+        loop,
+        *(word for text in vary for word in ("--vary", text)),
+        "--require",
+        "max |u| <= 1",
+        "--until",
+        "0.2",
+        "--backend",
+        "gpu",
+    ]
     first = samples(json.loads(answer("verify", *words, "--runs", 110, "--json", "--out", tmp_path).stdout))
     more = samples(json.loads(answer("verify", *words, "--runs", 140, "--json", "--out", tmp_path).stdout))
     assert (more[:110], len(more)) == (first, 140)
