@@ -15,6 +15,7 @@ pub mod loops;
 pub mod models;
 pub mod pages;
 pub mod random;
+pub mod random_equations;
 pub mod sample;
 pub mod sequences;
 pub mod standard;

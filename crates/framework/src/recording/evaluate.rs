@@ -21,7 +21,7 @@ pub struct Given<'a> {
 
 impl Given<'_> {
     /// The value of a leaf.
-    pub(crate) fn leaf(&self, leaf: Leaf) -> f64 {
+    pub fn leaf(&self, leaf: Leaf) -> f64 {
         match leaf {
             Leaf::Time => self.time,
             Leaf::Step => self.step,

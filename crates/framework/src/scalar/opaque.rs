@@ -10,7 +10,8 @@ pub enum Opaque {
 }
 
 impl Opaque {
-    /// Its value. It needs no generator's state: it depends only on seed, channel and sample.
+    /// Its value. It needs no generator's state: it depends only on seed, channel and sample, whole numbers, the first two of 32 bits
+    /// (as C has them).
     pub fn of(self, mut arguments: impl Iterator<Item = f64>) -> f64 {
         // Whole numbers of one size, since other conversions may raise an invalid operation.
         let mut next = || arguments.next().unwrap_or_default() as i64 as u64;

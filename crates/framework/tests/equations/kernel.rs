@@ -27,7 +27,7 @@ fn folded(model: &Model, settled: &Settled) -> jit::Compiled {
 }
 
 /// The same as [`compare`], of kernels that are compiled for the parameters of each block.
-fn compare_folded(model: &Model, random: &mut Random) {
+pub fn compare_folded(model: &Model, random: &mut Random) {
     let (name, variables) = (&model.description().name, model.variables());
     for _ in 0..2 {
         let draw = Draw::new(model, random);
@@ -45,7 +45,7 @@ fn compare_folded(model: &Model, random: &mut Random) {
     }
 }
 
-fn compare(model: &Model, points: usize, random: &mut Random) {
+pub fn compare(model: &Model, points: usize, random: &mut Random) {
     let (name, variables) = (&model.description().name, model.variables());
     let compiled = compiled(model);
     let first = jit::Compiled::evaluation(&Functions::of(model, Settled::default()).unwrap()).unwrap();

@@ -20,6 +20,7 @@ mod kernel;
 mod order_eight;
 mod output_derivatives;
 mod outputs;
+mod random_equations;
 mod recording;
 mod reference;
 mod relations;

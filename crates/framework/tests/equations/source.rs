@@ -68,13 +68,13 @@ const COMPARED: [Method; 6] = [
 ];
 
 /// A folder of its own.
-fn folder() -> tempfile::TempDir {
+pub fn folder() -> tempfile::TempDir {
     let mut folder = tempfile::tempdir().unwrap();
     folder.disable_cleanup(std::env::var_os("KEEP_SOURCES").is_some());
     folder
 }
 
-fn compare(model: &Model, (points, optimised): (usize, &str), random: &mut Random, folder: &Path) {
+pub fn compare(model: &Model, (points, optimised): (usize, &str), random: &mut Random, folder: &Path) {
     let name = &model.description().name;
     let library = compiled(model, &folder.join(name), optimised);
     // SAFETY: it has no code that runs when it is loaded.
