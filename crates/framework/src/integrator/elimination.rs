@@ -282,6 +282,17 @@ mod tests {
     }
 
     #[test]
+    fn a_row_and_a_column_in_common_fill_nothing_wherever_they_are() {
+        for common in [0, 17, 39] {
+            let column = |j: u32| if j == common { (0..40).collect() } else { vec![j.min(common), j.max(common)] };
+            let columns: Vec<Vec<u32>> = (0..40).map(column).collect();
+            let pattern = Pattern::new(&columns).expect("it is sparse");
+            let entries: usize = pattern.rows().map(|(left, right)| left.len() + right.len()).sum();
+            assert_eq!(entries, 2 * 39);
+        }
+    }
+
+    #[test]
     fn a_full_pattern_is_left_to_pivoting() {
         assert!(Elimination::new(&Arc::new(Sparsity::new(vec![(0..6).collect(); 6]))).is_none());
     }

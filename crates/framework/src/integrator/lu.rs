@@ -78,3 +78,22 @@ fn subtract(values: &mut [f64], column: &[f64]) {
     let [first, rest @ ..] = values else { return };
     rest.iter_mut().zip(&column[1..]).for_each(|(value, l)| *value -= l * *first);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_matrix_that_is_singular_or_no_numbers_is_not_regular() {
+        let regular = |columns: [f64; 9]| {
+            let mut lu = Lu::new(3);
+            lu.matrix().copy_from_slice(&columns);
+            lu.decompose()
+        };
+        assert!(regular([0.0, 2.0, 1.0, 4.0, 0.0, 0.0, 1.0, 1.0, 3.0]));
+        assert!(!regular([0.0; 9]));
+        assert!(!regular([1.0, 2.0, 0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0]));
+        assert!(!regular([1.0, 0.0, 0.0, 0.0, f64::INFINITY, 0.0, 0.0, 0.0, 1.0]));
+        assert!(!regular([f64::NAN, f64::NAN, f64::NAN, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]));
+    }
+}

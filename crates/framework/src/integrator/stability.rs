@@ -296,6 +296,8 @@ mod tests {
         let of = limits(&[(0.0, 2e3), (-1e6, 0.0)]);
         assert!(of.stiff > 2e3 && of.order_5.growing == 0.0, "{of:?}");
         assert_eq!(of.mode.frequency, 2e3);
+        let damped = |part: f64| limits(&[(-part * HARDLY_DAMPED * 2e3, 2e3), (-1.0, 0.0)]).stiff;
+        assert!(damped(0.5) > 2e3 && damped(2.0) == 0.0, "hardly damped ones too, and no others");
         // Zero is no mode: an integrator neither grows nor oscillates.
         assert_eq!(limits(&[(0.0, 0.0), (-1.0, 0.0)]).stiff, 0.0);
     }

@@ -200,6 +200,23 @@ fn growth_that_takes_too_much_work_to_follow_is_refused_with_its_mode() {
     ["100000 rad/s", "grows at 3 1/s", "work_limit"].iter().for_each(|part| assert!(text.contains(part), "{text}"));
 }
 
+#[test]
+fn a_step_in_which_a_mode_would_grow_beyond_any_use_diverges_and_a_shorter_one_takes_too_much_work() {
+    let a = DMatrix::from_row_slice(3, 3, &[300.0, 1e8, 0.0, -1e8, 300.0, 0.0, 0.0, 0.0, -1e10]);
+    let x0 = DVector::from_column_slice(&[1e-9, 0.0, 1.0]);
+    let reason = |step: f64| {
+        let mut execution = linear(&a, &x0, "automatic", 1e-6);
+        let variables = execution.model().variables();
+        let limit = variables.index(variables.find("work_limit").unwrap());
+        execution.set_real(limit, 1e6);
+        run(&mut execution, step, step).unwrap_err()
+    };
+    // The growth is 3e6 in units of e, and 3e4.
+    let (longer, shorter) = (reason(1e4), reason(1e2));
+    assert!(matches!(longer, StepError::Diverged { .. }), "{longer}");
+    assert!(matches!(shorter, StepError::TooMuchWork { .. }), "{shorter}");
+}
+
 /// The time at which a loop as a single FMU ends with an error, stepped by h.
 fn escape(method: &str, tolerance: f64, h: f64) -> f64 {
     let start = format!("[start]\nintegration_method = '{method}'\nrelative_tolerance = {tolerance:e}\n");
