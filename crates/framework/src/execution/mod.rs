@@ -458,8 +458,17 @@ impl Execution {
     }
 
     fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
-        let next = self.model.equations().next_time_event(&self.values());
-        check_values(self.model.variables(), (&self.block.reals, next), time, limit)
+        self.check_next_event(time)?;
+        check_values(self.model.variables(), &self.block.reals, time, limit)
+    }
+
+    /// The time of the next event must be a number.
+    fn check_next_event(&self, time: f64) -> Result<(), StepError> {
+        let value = self.model.equations().next_time_event(&self.values());
+        if value.is_nan() {
+            return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value, time });
+        }
+        Ok(())
     }
 
     /// Takes the messages that wait to be logged, in users' words.

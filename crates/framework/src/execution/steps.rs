@@ -98,6 +98,7 @@ impl Execution {
         }
         self.keep_indicators(workspace);
         at_point(&mut self.problem(), reached)?;
+        self.check_next_event(times[reached])?;
         pace.write(next, &mut self.point());
         Ok(reached)
     }

@@ -370,18 +370,15 @@ fn growth(scaled: f64, order: i32) -> f64 {
     if scaled < 1e-6 { GROW } else { (SAFETY * scaled.powf(-1.0 / f64::from(order))).clamp(SHRINK, GROW) }
 }
 
-/// Every state and signal must be a number, and so the time of the next event; every output within the limit.
-pub(crate) fn check_values(
-    variables: &Variables,
-    (reals, next): (&[f64], f64),
-    time: f64,
-    limit: f64,
-) -> Result<(), StepError> {
-    if next.is_nan() {
-        return Err(StepError::Diverged { variable: "the time of the next event".to_owned(), value: next, time });
-    }
+/// Every state and signal must be a number; every output within the limit.
+pub(crate) fn check_values(variables: &Variables, reals: &[f64], time: f64, limit: f64) -> Result<(), StepError> {
     for section in [Section::State, Section::Signal] {
-        let values = reals[variables.reals(section)].iter().enumerate();
+        let values = &reals[variables.reals(section)];
+        // Without a branch for each value this takes a quarter of the time, at every point of a run.
+        if values.iter().fold(true, |all, value| all & (value.abs() <= limit.min(f64::MAX))) {
+            continue;
+        }
+        let values = values.iter().enumerate();
         for (place, &value) in values.filter(|(_, value)| !value.is_finite() || value.abs() > limit) {
             let Some(element) = variables.real_at(section, place) else { continue };
             if !value.is_finite() || element.variable.causality == Causality::Output {

@@ -240,7 +240,7 @@ impl<'a> Problem<'a> {
     }
 
     pub(crate) fn check_values(&self, time: f64, limit: f64) -> Result<(), StepError> {
-        check_values(self.variables, (self.reals, self.next_time_event()), time, limit)
+        check_values(self.variables, self.reals, time, limit)
     }
 
     fn next_time_event(&self) -> f64 {
