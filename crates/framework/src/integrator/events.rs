@@ -40,10 +40,11 @@ impl EventCount {
         EventCount { slack, limit: settings.max_events, count: 0, last: t, clock: 0.0, total: 0 }
     }
 
-    /// Place of the last of these times that can be reached without a time event before it: at the event, or first behind it.
+    /// Place of the last of these times that can be reached without a time event before it: at the event, or first behind it. The
+    /// first, where the event's time is no number: it is refused there.
     pub fn end_of_way(&self, problem: &Problem, times: &[f64]) -> usize {
         let event = problem.next_time_event();
-        let is_end = |&time: &f64| event <= time + self.slack();
+        let is_end = |&time: &f64| event.is_nan() || event <= time + self.slack();
         times[1..].iter().position(is_end).map_or(times.len() - 1, |before| before + 1)
     }
 

@@ -336,3 +336,46 @@ fn an_indicator_that_rests_at_zero_has_the_events_of_single_steps() {
         assert_eq!(found[1].last().unwrap()[1], (times.len() - 1) as f64);
     }
 }
+
+/// x' = 1, with a time event whose time may be set, and an event of the state that sets it to 100.
+struct Planned {
+    x: ScalarOf<State>,
+    next: ScalarOf<Discrete>,
+}
+
+impl System for Planned {
+    type Structure = NoStructure;
+    const NAME: &'static str = "planned";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        d.indicators([""]);
+        Ok(Planned {
+            x: d.state(scalar("x", "state")),
+            next: d.discrete(scalar("next", "time of the next event").start(200.0)),
+        })
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, _t: S, _v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.x] = S::from(1.0);
+    }
+    fn next_time_event<S: Scalar>(&self, v: &Values<S>) -> S {
+        v[self.next]
+    }
+    fn event_indicators<S: Scalar>(&self, _t: S, v: &Values<S>, z: &mut [S]) {
+        z[0] = v[self.x] - 0.95;
+    }
+    fn event<S: Scalar>(&self, _t: S, _: &[S::Flag], v: &mut Point<S>) {
+        v[self.next] = S::from(100.0);
+    }
+}
+
+#[test]
+fn an_event_at_no_time_is_refused_before_another_event_gives_it_one() {
+    let mut run = Run::of::<Planned>("", 0.0);
+    run.step(0.1);
+    run.set("next", f64::NAN);
+    assert_eq!(run.0.steps(&times(0.1, 10)[1..], false, &mut |_, _, _| ()), 0);
+    let message = run.failure(0.1).to_string();
+    assert!(message.contains("the time of the next event"), "{message}");
+}
