@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import PROGRAM
-from ensembles import STUDIES
+from ensembles import STUDIES, studied
 from sample import ALL, NUMBER
 
 POCL = "Portable Computing Language"
@@ -34,12 +34,6 @@ def device(tmp_path_factory: pytest.TempPathFactory) -> str:
     return POCL
 
 
-def metrics(loop: str, options: list[str], out: Path) -> dict[str, float]:
-    options = [word for word in options if not word.startswith("event[")]
-    ran = answer("run", loop, *options, "--composite", "--json", "--out", out)
-    return {metric["label"]: metric["value"] for metric in json.loads(ran.stdout)["metrics"]}
-
-
 def samples(result: dict) -> list[dict[str, str]]:
     with open(Path(result["results"]) / "samples.csv", newline="") as file:
         return list(csv.DictReader(file))
@@ -47,13 +41,10 @@ def samples(result: dict) -> list[dict[str, str]]:
 
 @pytest.mark.parametrize("name", list(STUDIES) if ALL else [list(STUDIES)[NUMBER % len(STUDIES)]])
 def test_both_find_the_same_failures_and_metrics(device: str, name: str, tmp_path: Path) -> None:
-    loop, vary, label, options = STUDIES[name]
-    known = metrics(loop, options, tmp_path).items()
-    label, value = next((name, value) for name, value in known if name.startswith(label) and value)
-    wanted = [word for text in vary for word in ("--vary", text)] + ["--require", f"{label} <= {1.01 * value}"]
+    loop, label, limit, options = studied(PROGRAM, name, tmp_path)
     found = {}
     for backend in ("cpu", "gpu"):
-        words = [loop, *wanted, *options, "--runs", 500 if ALL else 130, "--backend", backend, "--json"]
+        words = [loop, *options, "--runs", 500 if ALL else 130, "--backend", backend, "--json"]
         made = answer("verify", *words, "--out", tmp_path / backend)
         assert made.returncode == 0, made.stderr
         found[backend] = json.loads(made.stdout)
@@ -64,7 +55,7 @@ def test_both_find_the_same_failures_and_metrics(device: str, name: str, tmp_pat
     for exact, other in zip(samples(found["cpu"]), samples(found["gpu"]), strict=True):
         assert exact["result"] == other["result"]
         # Further on than those that were made twice, a metric may be a little less accurate.
-        assert abs(float(exact[label]) - float(other[label])) <= max(1e-3, 3 * accelerated["largest_difference"]) * 1.01 * value
+        assert abs(float(exact[label]) - float(other[label])) <= max(1e-3, 3 * accelerated["largest_difference"]) * limit
 
 
 def test_what_is_not_for_fixed_steps_is_made_by_the_processor_and_the_reason_is_given(device: str, tmp_path: Path) -> None:
@@ -79,16 +70,7 @@ def test_what_is_not_for_fixed_steps_is_made_by_the_processor_and_the_reason_is_
 
 def test_a_study_goes_on_where_it_ended(device: str, tmp_path: Path) -> None:
     loop, vary, _, _ = STUDIES["plain"]
-    words = [
-        loop,
-        *(word for text in vary for word in ("--vary", text)),
-        "--require",
-        "max |u| <= 1",
-        "--until",
-        "0.2",
-        "--backend",
-        "gpu",
-    ]
+    words = [loop, *(word for text in vary for word in ("--vary", text)), "--require", "max |u| <= 1", "--until", "0.2", "--backend", "gpu"]
     first = samples(json.loads(answer("verify", *words, "--runs", 110, "--json", "--out", tmp_path).stdout))
     more = samples(json.loads(answer("verify", *words, "--runs", 140, "--json", "--out", tmp_path).stdout))
     assert (more[:110], len(more)) == (first, 140)

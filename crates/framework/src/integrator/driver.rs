@@ -374,7 +374,7 @@ fn growth(scaled: f64, order: i32) -> f64 {
 pub(crate) fn check_values(variables: &Variables, reals: &[f64], time: f64, limit: f64) -> Result<(), StepError> {
     for section in [Section::State, Section::Signal] {
         let values = &reals[variables.reals(section)];
-        // Without a branch for each value this takes a quarter of the time, at every point of a run.
+        // At every point of a run: without a branch for each value, it takes a third of the instructions.
         if values.iter().fold(true, |all, value| all & (value.abs() <= limit.min(f64::MAX))) {
             continue;
         }

@@ -68,7 +68,7 @@ impl MessageLog {
     /// Takes over messages and refusals of a composite's part, with the part's name.
     pub(crate) fn take_over(&mut self, other: MessageLog) {
         let MessageLog { messages, refused, part, .. } = other;
-        // Mostly there is nothing, at every point of a run.
+        // At every point of a run; there is hardly ever anything.
         let Some(name) = part.filter(|_| !messages.is_empty() || !refused.reasons().is_empty()) else { return };
         let reworded = |message: Message| Message { text: of_part(message.text, &name), ..message };
         self.messages.extend(messages.into_iter().map(reworded));

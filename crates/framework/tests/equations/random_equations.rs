@@ -9,11 +9,8 @@ use common::random_equations::RandomEquations;
 use crate::recording::{Draw, same};
 use crate::{kernel, source};
 
-/// What is done with a model.
-type Check<'a> = &'a mut dyn FnMut(&Model);
-
 /// Calls a function with a model of each of so many numbers.
-fn each(check: Check) {
+fn each(check: &mut dyn FnMut(&Model)) {
     macro_rules! models {
         ($($number:literal)*) => {
             $(check(&Model::new::<RandomEquations<$number>>(concat!("Random", $number), &toml::Table::new()).unwrap());)*
