@@ -354,6 +354,21 @@ def test_compilers_and_checkers_find_nothing(name: str, laws: Laws, tmp_path: Pa
         built("cppcheck", *options, file)
 
 
+@pytest.mark.parametrize("name", LAWS)
+def test_variables_of_a_header_have_the_units_and_descriptions_of_the_fmu(name: str, laws: Laws, fmu) -> None:
+    header = (laws.firmware(name, substeps(name)) / f"{name}.h").read_text()
+    described, no_limit = 0, " (1e15: no limit)"
+    for member, comment in re.findall(rf"^    {name}_real (\w+)(?:\[\d+\])?; /\* (.*) \*/$", header, re.MULTILINE):
+        for variable in (v for v in fmu(name).variables.values() if v.name.split("[")[0] == member):
+            # Elements share what is the same in their descriptions; what isn't in ASCII is written otherwise.
+            text = re.escape(re.sub(r", (\d+ of \d+|row \d+, column \d+)$", "", variable.description.removesuffix(no_limit)))
+            assert re.search(re.sub(r"[^ -~]", ".+?", text), comment), (comment, variable.description)
+            assert comment.endswith(no_limit) == variable.description.endswith(no_limit), comment
+            assert variable.unit in (None, "1") or variable.unit in re.split("[,; ]+", comment), (comment, variable.unit)
+            described += 1
+    assert described >= len([v for v in fmu(name).variables.values() if v.causality in ("input", "output") and v.type == "Real"])
+
+
 @pytest.mark.parametrize("name", ["L1Quadrotor", "L1TwoLinkRobot"])
 def test_the_number_of_steps_is_the_one_that_its_loop_needs(name: str, laws: Laws, tmp_path: Path) -> None:
     exported = adaptive_fmu("export", "--firmware", name, "--out", tmp_path)

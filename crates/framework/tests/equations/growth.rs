@@ -217,6 +217,44 @@ fn a_step_in_which_a_mode_would_grow_beyond_any_use_diverges_and_a_shorter_one_t
     assert!(matches!(shorter, StepError::TooMuchWork { .. }), "{shorter}");
 }
 
+/// Two modes that grow alike next to a stiff one: an altitude, which is large by nature, and an angle.
+struct Climb {
+    altitude: ScalarOf<State>,
+    angle: ScalarOf<State>,
+    fast: ScalarOf<State>,
+}
+
+impl System for Climb {
+    type Structure = NoStructure;
+    const NAME: &'static str = "climb";
+    const DOCUMENTATION: &'static str = "";
+
+    fn declare(_: NoStructure, d: &mut Declaration) -> Result<Self, Invalid> {
+        Ok(Climb {
+            altitude: d.state(scalar("altitude", "").unit("m").nominal(1e9)),
+            angle: d.state(scalar("angle", "").unit("rad")),
+            fast: d.state(scalar("fast", "")),
+        })
+    }
+    fn initialise<S: Scalar>(&self, _t: S, v: &mut Point<S>) {
+        v[self.altitude] = S::from(1.0);
+        v[self.angle] = S::from(1e-3);
+    }
+    fn outputs<S: Scalar>(&self, _t: S, _v: &Values<S>, _y: &mut Signals<S>) {}
+    fn derivatives<S: Scalar>(&self, _t: S, v: &Values<S>, dx: &mut Rates<S>) {
+        dx[self.altitude] = v[self.altitude] * 300.0;
+        dx[self.angle] = v[self.angle] * 300.0;
+        dx[self.fast] = -v[self.fast] * 1e7;
+    }
+}
+
+#[test]
+fn what_diverges_is_named_by_its_size_in_nominals() {
+    let error = Run::of::<Climb>("work_limit = 3e4", 0.0).failure(1e4);
+    let StepError::Diverged { variable, value, .. } = &error else { panic!("{error}") };
+    assert!(variable == "angle" && *value > 1e-3, "{error}");
+}
+
 /// The time at which a loop as a single FMU ends with an error, stepped by h.
 fn escape(method: &str, tolerance: f64, h: f64) -> f64 {
     let start = format!("[start]\nintegration_method = '{method}'\nrelative_tolerance = {tolerance:e}\n");

@@ -8,6 +8,7 @@ use super::functions::Structs;
 use super::law::Law;
 use super::members::{Members, aligned, ascii};
 use super::substeps::Fastest;
+use crate::error::Number;
 use crate::fmi2::source::names::Names;
 
 /// Status bits that every law has: names, bits, meanings.
@@ -176,9 +177,8 @@ fn calibration(law: &Law, structs: &Structs) -> String {
 fn ranges(law: &Law, structs: &Structs) -> Vec<String> {
     let of = |member: &super::members::Member| {
         let Some((min, above, max)) = limits(law, member) else { return "0 or 1".to_owned() };
-        let lower =
-            min.map(|min| if above { format!("above {}", plain(min)) } else { format!("{} or more", plain(min)) });
-        let upper = max.map(|max| format!("{} or less", plain(max)));
+        let lower = min.map(Number).map(|min| if above { format!("above {min}") } else { format!("{min} or more") });
+        let upper = max.map(|max| format!("{} or less", Number(max)));
         match (lower, upper) {
             (None, None) => "a finite number".to_owned(),
             (lower, upper) => lower.into_iter().chain(upper).collect::<Vec<_>>().join(", "),

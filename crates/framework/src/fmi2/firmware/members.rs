@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Write;
 
 use crate::fmi2::source::names::Names;
-use crate::system::{Element, Variable, Variables};
+use crate::system::{Element, TELLS_NO_LIMIT, Variable, Variables};
 
 /// A member of a struct.
 #[derive(Debug)]
@@ -232,7 +232,8 @@ fn described(elements: &[Element]) -> String {
     };
     let mut texts: Vec<String> = elements.iter().map(of).collect();
     texts.dedup();
-    texts.join(" | ")
+    let has_no_limit = elements.iter().any(|element| element.variable.shown.no_limit);
+    texts.join(" | ") + if has_no_limit { TELLS_NO_LIMIT } else { "" }
 }
 
 /// A text in a comment, in characters that every compiler reads.
