@@ -29,8 +29,8 @@ unsafe extern "C-unwind" fn log(messages: *mut c_void, _: Status, _: *const c_ch
 }
 
 impl Instance {
-    /// An instance of a description, in Initialization Mode; for co-simulation with Event Mode.
-    pub fn entered(description: &str, kind: i32) -> Self {
+    /// An instance of a description; for co-simulation with Event Mode.
+    pub fn new(description: &str, kind: i32) -> Self {
         let text = format!("fmi = 3\n{description}");
         let model = Model::from_description(Description::read(&text).unwrap(), REGISTRY).unwrap();
         let (folder, messages) = (tempfile::tempdir().unwrap(), Box::new(Cell::new(0)));
@@ -61,8 +61,14 @@ impl Instance {
             }
         };
         assert!(!component.is_null(), "{}", model.description().name);
-        assert_eq!(unsafe { fmi3EnterInitializationMode(component, false, 0.0, 0.0, false, 0.0) }, OK);
         Instance { component, model, messages, _folder: folder }
+    }
+
+    /// An instance in Initialization Mode.
+    pub fn entered(description: &str, kind: i32) -> Self {
+        let instance = Instance::new(description, kind);
+        assert_eq!(unsafe { fmi3EnterInitializationMode(instance.component, false, 0.0, 0.0, false, 0.0) }, OK);
+        instance
     }
 
     /// An initialised instance, in Step Mode or Continuous-Time Mode.
