@@ -268,3 +268,19 @@ def ran(fmu_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[
         return done[words]
 
     return run
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A loop with a controller that was designed for a plant of a file, as the page on own controllers does it."""
+    folder, example = tmp_path_factory.mktemp("own"), ROOT / "examples" / "own" / "dc_motor"
+    plant = ["--plant", example / "model.json"]
+    for kind, name, options in [
+        ("state-space", "DcMotor", []),
+        ("l1", "DcMotorController", ["--bandwidth", 20, "--reference", 100]),
+        ("reference", "DcMotorReference", ["--reference", 100]),
+    ]:
+        made = adaptive_fmu("new", kind, "--name", name, *plant, *options, "--out", folder / f"{name}.toml")
+        assert made.returncode == 0, made
+    shutil.copy(example / "SystemStructure.ssd", folder)
+    return folder

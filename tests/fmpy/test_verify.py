@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import shlex
-import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -137,6 +136,41 @@ def test_the_line_of_each_failing_sample_shows_its_failure(tmp_path: Path) -> No
     assert result["sentence"].split(";")[0] in page and "First-order index" in page and page.count("<svg") == 6
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        # By the name of its FMU, and a seed of noise.
+        [LOOP, "--vary", "plant.omega=±30%", "--set", "NonlinearSiso.omega=2", "--until", "0.5"],
+        ["3.3.1-case2-bench", "--vary", "plant.m1=±30%", "--set", "sensor.seed=5", "--until", "0.1"],
+    ],
+)
+def test_the_line_of_a_sample_shows_it_whatever_is_set(options: list[str], tmp_path: Path) -> None:
+    ran = json.loads(adaptive_fmu("run", options[0], *options[3:], "--json", "--out", tmp_path).stdout)
+    label = next(metric["label"] for metric in ran["metrics"] if metric["label"].startswith("max") and metric["value"])
+    result = verify(tmp_path, *options, "--require", f"{label} <= 0", "--runs", 3)
+    for row, file in zip(rows(result), sorted((Path(result["results"]) / "failed").glob("*.txt")), strict=True):
+        _, line = file.read_text().strip().splitlines()
+        answer = adaptive_fmu(*shlex.split(line)[1:], "--out", tmp_path, "--json")
+        metrics = {metric["label"]: metric["value"] for metric in json.loads(answer.stdout)["metrics"]}
+        assert metrics[label] == float(row[label])
+
+
+def test_limits_in_percent_are_those_of_metrics_in_percent(own: Path, tmp_path: Path) -> None:
+    options = [own, "--vary", "motor.A[1,2]=±20%", "--runs", 2, "--until", 1.2]
+    forms = ["overshoot speed <= 10%", "overshoot speed <= 0.1", "overshoot of motor.speed, % <= 10%", "overshoot of motor.speed, % <= 10"]
+    results = [verify(tmp_path / str(k), *options, "--require", form) for k, form in enumerate(forms)]
+    asked = {"label": "overshoot of motor.speed, %", "side": "<=", "value": 10.0}
+    assert all({**result["requirements"][0], "violated": 0} == {**asked, "violated": 0} for result in results)
+    assert "isn't in %" in fails("verify", *map(str, options), "--require", "settling speed <= 50%", "--out", str(tmp_path))
+
+
+def test_metrics_of_the_same_name_are_refused(known: Path, tmp_path: Path) -> None:
+    (file := known / "SystemStructure.ssd").write_text(
+        SOURCE.replace("<Plot", '<Metric label="max |r|, t &gt;= 0 s" statistic="rms" of="source.r[1]" from="0"/><Plot')
+    )
+    assert file.exists() and "two metrics" in fails("verify", str(known), *OFFSET, "--runs", "3", "--out", str(tmp_path))
+
+
 def test_a_study_goes_on_where_it_ended(tmp_path: Path) -> None:
     options = [LOOP, *VARY, "--require", "max |u| <= 1.28"]
     whole = verify(tmp_path / "whole", *options, "--runs", 24)
@@ -194,22 +228,6 @@ def test_the_time_of_an_event_is_varied(tmp_path: Path) -> None:
     assert f"'{times[0]!r}: reference.offset[1]=0.5'" in line
     refused = fails("verify", LOOP, "--vary", "event[1].time=0.2..0.8", "--require", "max |u| <= 1", "--out", str(tmp_path))
     assert "counts the options --event" in refused
-
-
-@pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A loop with a controller that was designed for a plant of a file, as the page on own controllers does it."""
-    folder, example = tmp_path_factory.mktemp("own"), ROOT / "examples" / "own" / "dc_motor"
-    plant = ["--plant", example / "model.json"]
-    for kind, name, options in [
-        ("state-space", "DcMotor", []),
-        ("l1", "DcMotorController", ["--bandwidth", 20, "--reference", 100]),
-        ("reference", "DcMotorReference", ["--reference", 100]),
-    ]:
-        made = adaptive_fmu("new", kind, "--name", name, *plant, *options, "--out", folder / f"{name}.toml")
-        assert made.returncode == 0, made
-    shutil.copy(example / "SystemStructure.ssd", folder)
-    return folder
 
 
 def test_plants_are_drawn_from_the_uncertainty_of_a_description(own: Path, tmp_path: Path) -> None:

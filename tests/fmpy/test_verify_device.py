@@ -4,8 +4,10 @@ The device is pocl's, a processor. Without it, what needs one is skipped.
 """
 
 import csv
+import hashlib
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -71,9 +73,30 @@ def test_what_is_not_for_fixed_steps_is_made_by_the_processor_and_the_reason_is_
 def test_a_study_goes_on_where_it_ended(device: str, tmp_path: Path) -> None:
     loop, vary, _, _ = STUDIES["plain"]
     words = [loop, *(word for text in vary for word in ("--vary", text)), "--require", "max |u| <= 1", "--until", "0.2", "--backend", "gpu"]
-    first = samples(json.loads(answer("verify", *words, "--runs", 110, "--json", "--out", tmp_path).stdout))
-    more = samples(json.loads(answer("verify", *words, "--runs", 140, "--json", "--out", tmp_path).stdout))
-    assert (more[:110], len(more)) == (first, 140)
+    first = json.loads(answer("verify", *words, "--runs", 110, "--json", "--out", tmp_path).stdout)
+    begun = samples(first)
+    # As it began, although for so few runs a device isn't looked for.
+    more = json.loads(answer("verify", *words[:-2], "--runs", 140, "--json", "--out", tmp_path).stdout)
+    assert (samples(more)[:110], len(samples(more))) == (begun, 140)
+    step = first["accelerated"]["fixed_step"]
+    assert more["accelerated"]["fixed_step"] == step
+    # An earlier call may have found that shorter steps are needed.
+    file = Path(more["results"]) / "runs.bin"
+    known = file.read_bytes()[:-64]
+    number = int(re.search(rb'"substeps":(\d+)', known)[1])
+    known = known.replace(b'"substeps":%d' % number, b'"substeps":%d' % (2 * number))
+    file.write_bytes(known + hashlib.sha256(known).hexdigest().encode())
+    further = json.loads(answer("verify", *words, "--runs", 150, "--json", "--out", tmp_path).stdout)
+    assert further["accelerated"]["fixed_step"] == step / 2
+
+
+def test_all_metrics_have_the_values_that_they_have_on_the_processor(device: str, own: Path, tmp_path: Path) -> None:
+    words = ["verify", own, "--vary", "motor.A[1,2]=±20%", "--require", "settling speed <= 5", "--until", "1.3", "--runs", 104, "--json"]
+    made = [answer(*words, "--backend", backend, "--out", tmp_path / backend) for backend in ("cpu", "gpu")]
+    exact, found = (json.loads(one.stdout) for one in made)
+    assert found["accelerated"]["runs"] > 0
+    for one, other in zip(samples(exact), samples(found), strict=True):
+        assert {name for name, value in one.items() if value} == {name for name, value in other.items() if value}
 
 
 def test_without_a_device_the_processor_is_used_or_the_message_says_what_to_do(tmp_path: Path) -> None:

@@ -84,12 +84,13 @@ fn line(task: &Task, name: &str, (set, tag): (&Path, &str), sample: u64) -> Stri
     let path = |path: &Path| path.display().to_string();
     parameters.case.iter().for_each(|case| add("--case", Some(path(case))));
     add("--case", Some(path(set)));
-    let names = task.study.names();
-    let is_varied = |assignment: &&String| {
-        let name = assignment.split('=').next().unwrap_or_default().trim();
-        names.contains(&name)
+    // It would replace the sample's own value.
+    let own = task.study.start_values(sample);
+    let is_own = |assignment: &&String| {
+        let set = task.study.structure().set_by(assignment);
+        set.is_some_and(|set| own.iter().any(|(name, ..)| *name == set))
     };
-    parameters.set.iter().filter(|set| !is_varied(set)).for_each(|set| add("--set", Some(set.clone())));
+    parameters.set.iter().filter(|set| !is_own(set)).for_each(|set| add("--set", Some(set.clone())));
     task.study.events(sample).into_iter().for_each(|event| add("--event", Some(event)));
     step.iter().for_each(|step| add("--step", Some(step.to_string())));
     until.iter().for_each(|until| add("--until", Some(until.to_string())));

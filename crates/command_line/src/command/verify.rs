@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use adaptive_fmu::error::{Error, Invalid};
-use adaptive_fmu::structure::LoopFiles;
+use adaptive_fmu::structure::{LoopFiles, Structure};
 use adaptive_fmu::verification::{
     Asked, Backend, Batch, Ended, Outcome, Plan, Record, Requirement, Study, Summary, Tally, Vary, VaryFrom, Verdict,
 };
@@ -119,15 +119,16 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         workers::reply(&task.study.batch(&batch, &progress::is_interrupted));
         return Ok(ExitCode::SUCCESS);
     }
-    let below = format!("{}-verified{}", task.study.structure().name, arguments.earlier.suffix());
+    let below = arguments.below(task.study.structure());
     let folder = arguments.out.join(&below);
     output::check(&arguments.out, &below, &[RUNS, SAMPLES, RESULT, PAGE])?;
     let file = folder.join(RUNS);
     let known = arguments.earlier.left(&file, |file| Record::read(file, &task.question))?;
-    if let Some(known) = known.as_ref().filter(|_| !arguments.json) {
+    if let Some((known, _)) = known.as_ref().filter(|_| !arguments.json) {
         remark!("continuing with {} samples of an earlier call; use --force to start again", known.len());
     }
-    let mut outcomes = known.unwrap_or_default();
+    let (mut outcomes, substeps) = known.unwrap_or_default();
+    substeps.into_iter().for_each(|substeps| task.study.go_on(substeps));
     output::make_folder(&arguments.out, &below)?;
     let as_it_is = task.study.as_it_is(&progress::is_interrupted)?;
     let ended = task.run(&mut outcomes, &file, &bars)?;
@@ -141,6 +142,20 @@ pub fn execute(arguments: &Arguments) -> Result<ExitCode, Error> {
         (_, Some(Verdict::Failed | Verdict::Undecided)) => ExitCode::from(NOT_PASSED),
         _ => ExitCode::SUCCESS,
     })
+}
+
+impl Arguments {
+    /// Folder for the results of a loop, within the folder for results.
+    fn below(&self, structure: &Structure) -> String {
+        format!("{}-verified{}", structure.name, self.earlier.suffix())
+    }
+
+    /// The back-end of the runs: that of an earlier call which this one continues, if none is asked for.
+    fn backend(&self, structure: &Structure) -> Backend {
+        let file = self.out.join(self.below(structure)).join(RUNS);
+        let earlier = (!self.earlier.force && self.backend == Backend::Auto).then(|| Record::device(&file)).flatten();
+        earlier.map_or(self.backend, |device| if device.is_some() { Backend::Gpu } else { Backend::Cpu })
+    }
 }
 
 impl Task {
@@ -167,7 +182,9 @@ impl Task {
         } else if employed().is_some() || arguments.job.is_some() {
             study.stay_on_processor(arguments.backend, "the runs went to workers");
         } else {
-            study.accelerate(arguments.backend, plan.runs(), &progress::is_interrupted).map_err(wrong)?;
+            let found = study.accelerate(arguments.backend(&structure), plan.runs(), &progress::is_interrupted);
+            // An earlier call's device that is no longer there is noticed as another question.
+            found.or_else(|reason| if arguments.backend == Backend::Gpu { Err(wrong(reason)) } else { Ok(()) })?;
         }
         let run = options.provenance(&arguments.name, &files, &structure, settings, study.loaded())?;
         let varied: Vec<_> = study.names().into_iter().zip(study.distributions()).collect();
@@ -186,7 +203,8 @@ impl Task {
         let name = &self.study.structure().name;
         let known = outcomes.len();
         let counter = Counter::new(bars, name, self.plan.runs() as usize, known);
-        let mut record = Record::new(&self.question);
+        let new = || Record::new(&self.question, self.study.substeps());
+        let mut record = new();
         let (mut next, mut counted, mut anew) = (Instant::now(), known, false);
         let write = |record: &mut Record, outcomes: &[Outcome]| {
             let wrong = |reason| Error::Loop { file: file.to_owned(), reason };
@@ -196,7 +214,7 @@ impl Task {
         let done = |outcomes: &[Outcome], tally: &Tally| {
             if outcomes.len() < counted {
                 // Fixed steps were too long: the study has begun anew.
-                (record, counted, anew) = (Record::new(&self.question), 0, true);
+                (record, counted, anew) = (new(), 0, true);
                 counter.restart();
             }
             counter.advance(outcomes.len() - counted, &format!("{} failed", tally.failures));
@@ -215,7 +233,7 @@ impl Task {
         let ended = ended?;
         // A shorter study than an earlier one takes none of its runs away.
         if anew || outcomes.len() >= known {
-            write(&mut Record::new(&self.question), outcomes)?;
+            write(&mut new(), outcomes)?;
         }
         Ok(ended)
     }

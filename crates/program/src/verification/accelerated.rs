@@ -47,8 +47,8 @@ pub(super) struct Accelerated {
     runner: Runner,
     /// Results of the first samples with error control.
     pilot: Vec<Outcome>,
-    /// Names of the signals that metrics need.
-    recorded: Vec<String>,
+    /// The signals that metrics need, without points.
+    signals: Recording,
     /// Number of runs at a time.
     runs: usize,
     state: Mutex<State>,
@@ -81,11 +81,7 @@ struct Begun {
 
 /// The names of the signals without which the metrics are others.
 fn needed(structure: &Structure, signals: &Recording) -> Vec<String> {
-    let labels = |names: &[String]| {
-        let columns = vec![Vec::new(); names.len()];
-        let mut signals = Recording { names: names.to_vec(), columns, ..Recording::default() };
-        Meter::new(structure, &mut signals).ok().map(|meter| meter.labels())
-    };
+    let labels = |names: &[String]| Meter::new(structure, &mut only(signals, names)).ok().map(|meter| meter.labels());
     let mut names = signals.names.clone();
     let all = labels(&names);
     for name in &signals.names {
@@ -95,6 +91,12 @@ fn needed(structure: &Structure, signals: &Recording) -> Vec<String> {
         }
     }
     names
+}
+
+/// Signals of these names, without points.
+fn only(signals: &Recording, names: &[String]) -> Recording {
+    let measures = names.iter().map(|name| signals.measure(name).unwrap_or_default().to_owned()).collect();
+    Recording { names: names.to_vec(), measures, columns: vec![Vec::new(); names.len()], ..Recording::default() }
 }
 
 /// The largest difference of metrics with limits, in parts of these; infinite where only one has a value. Times may differ
@@ -200,10 +202,11 @@ impl Study {
             (sample.start, sample.changes)
         };
         let samples: Vec<_> = (0..8).map(of).collect();
-        let recorded = needed(self.structure(), &self.loaded().signals());
-        let runner = Runner::new(device, self.loaded(), &recorded, &samples, self.settings())?;
+        let signals = self.loaded().signals();
+        let signals = only(&signals, &needed(self.structure(), &signals));
+        let runner = Runner::new(device, self.loaded(), &signals.names, &samples, self.settings())?;
         let runs = runner.device().runs.min(MEMORY / self.memory_of_run(&pilot, &runner)).max(1);
-        let accelerated = Accelerated { runner, pilot, recorded, runs, state: Mutex::default() };
+        let accelerated = Accelerated { runner, pilot, signals, runs, state: Mutex::default() };
         let begun = Instant::now();
         let (substeps, largest) = accelerated.chosen(self, is_interrupted)?;
         let device = accelerated.runner.device();
@@ -275,6 +278,21 @@ impl Accelerated {
         &self.runner.device().name
     }
 
+    /// Fixed steps in a communication step; 0 where runs need error control.
+    pub fn substeps(&self) -> usize {
+        self.state().substeps
+    }
+
+    /// Goes on with those of an earlier call, which may have found that shorter ones are needed.
+    pub fn go_on(&self, substeps: usize, study: &Study) {
+        let mut state = self.state();
+        if substeps != state.substeps {
+            let is_too_many = study.settings().steps().saturating_mul(substeps) > MOST_STEPS;
+            let failure = if substeps == 0 { Some(ENDS_EARLY.to_owned()) } else { is_too_many.then(too_many) };
+            *state = State { substeps, failure, ..State::default() };
+        }
+    }
+
     /// True once after the fixed steps were halved: the study begins anew.
     pub fn begins_anew(&self) -> bool {
         std::mem::take(&mut self.state().begins_anew)
@@ -304,20 +322,17 @@ impl Accelerated {
         if starts.is_empty() {
             return Ok(made);
         }
-        let signals = Recording {
-            names: self.recorded.clone(),
-            columns: vec![Vec::new(); self.recorded.len()],
-            ..Recording::default()
-        };
+        // A signal that isn't finite ends a run on the processor.
         let meter = |_| -> Result<_, String> {
-            let mut points = signals.clone();
-            Ok(Mutex::new((Meter::new(study.structure(), &mut points)?, points)))
+            let (mut points, is_finite) = (self.signals.clone(), true);
+            Ok(Mutex::new((Meter::new(study.structure(), &mut points)?, points, is_finite)))
         };
         let meters = starts.iter().map(meter).collect::<Result<Vec<_>, _>>()?;
         let complete = self.runner.run(starts, substeps, |rows| {
             parallel::each(&workers, meters.len(), |(), run| {
-                let (meter, points) = &mut *meters[run].lock().unwrap_or_else(PoisonError::into_inner);
+                let (meter, points, is_finite) = &mut *meters[run].lock().unwrap_or_else(PoisonError::into_inner);
                 rows.add_to(points, run);
+                *is_finite &= points.columns.iter().flatten().all(|value| value.is_finite());
                 meter.add(points);
                 points.times.clear();
                 points.columns.iter_mut().for_each(Vec::clear);
@@ -326,8 +341,8 @@ impl Accelerated {
         })?;
         let Some(complete) = complete else { return Ok(Vec::new()) };
         for ((place, meter), complete) in places.iter().zip(meters).zip(complete) {
-            if complete {
-                let (meter, _) = meter.into_inner().unwrap_or_else(PoisonError::into_inner);
+            let (meter, _, is_finite) = meter.into_inner().unwrap_or_else(PoisonError::into_inner);
+            if complete && is_finite {
                 made[*place] = study.ended(meter.measured()).0;
             }
         }

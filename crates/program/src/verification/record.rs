@@ -1,7 +1,7 @@
 //! The outcomes of a study in a file, from which an interrupted study goes on.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use serde_json::Value;
@@ -13,6 +13,8 @@ use crate::{begun, output, text_file};
 
 /// Beginning of such a file.
 const BEGINNING: &[u8] = b"adaptive-fmu verify 1\n";
+/// Member of the question: fixed steps of a device, which may change while a study goes on.
+const SUBSTEPS: &str = "substeps";
 /// Length of a checksum in hexadecimal digits.
 const CHECKSUM: usize = 64;
 
@@ -24,9 +26,11 @@ pub struct Record {
 }
 
 impl Record {
-    /// A record of a study for this question.
-    pub fn new(question: &Value) -> Self {
+    /// A record of a study for this question, whose runs on a device have so many fixed steps in a communication step.
+    pub fn new(question: &Value, substeps: Option<usize>) -> Self {
         let mut bytes = BEGINNING.to_vec();
+        let mut question = question.clone();
+        question[SUBSTEPS] = substeps.into();
         bytes.extend(question.to_string().into_bytes());
         bytes.push(b'\n');
         Record { bytes, outcomes: 0 }
@@ -52,11 +56,11 @@ impl Record {
         output::write(file, [&self.bytes, checksum(&self.bytes).as_bytes()].concat())
     }
 
-    /// The outcomes of an earlier study for this question.
+    /// The outcomes of an earlier study for this question, and the fixed steps of its device.
     ///
     /// # Errors
     /// When the file can't be read, belongs to another study, or was changed.
-    pub fn read(file: &Path, question: &Value) -> Result<Vec<Outcome>, Error> {
+    pub fn read(file: &Path, question: &Value) -> Result<(Vec<Outcome>, Option<usize>), Error> {
         let refuse = |reason: String| Error::Loop { file: file.to_owned(), reason };
         let changed = || refuse("its content does not match its checksum, so it was changed".to_owned());
         let mut bytes = Vec::new();
@@ -69,7 +73,8 @@ impl Record {
         let content = whole.strip_prefix(BEGINNING).filter(|_| checksum(whole).as_bytes() == seal);
         let content = content.ok_or_else(changed)?;
         let end = content.iter().position(|byte| *byte == b'\n').ok_or_else(changed)?;
-        let asked: Value = serde_json::from_slice(&content[..end]).map_err(|_| changed())?;
+        let mut asked: Value = serde_json::from_slice(&content[..end]).map_err(|_| changed())?;
+        let substeps = asked.as_object_mut().and_then(|asked| asked.remove(SUBSTEPS)).and_then(|it| it.as_u64());
         if let Some(differing) = differing(&asked, question) {
             return Err(refuse(format!("belongs to another study: {differing}")));
         }
@@ -79,7 +84,19 @@ impl Record {
             outcomes.push(outcome);
             rest = further;
         }
-        Ok(outcomes)
+        Ok((outcomes, substeps.and_then(|it| usize::try_from(it).ok())))
+    }
+
+    /// The device that made an earlier study's runs; none if there is no such study, none within if a processor made them.
+    pub fn device(file: &Path) -> Option<Option<String>> {
+        let mut line = Vec::new();
+        let mut opened = BufReader::new(text_file::open(&begun::path(file)).ok()?);
+        for _ in 0..2 {
+            line.clear();
+            opened.read_until(b'\n', &mut line).ok()?;
+        }
+        let asked: Value = serde_json::from_slice(&line).ok()?;
+        Some(asked.get("device")?.as_str().map(str::to_owned))
     }
 }
 
@@ -98,11 +115,11 @@ mod tests {
             Outcome::NotEnded("diverged".into()),
             Outcome::Refused("m".into()),
         ];
-        let mut record = Record::new(&question);
+        let mut record = Record::new(&question, Some(4));
         record.add(&outcomes[..1]).unwrap();
         record.add(&outcomes).unwrap();
         record.write(&file).unwrap();
-        assert_eq!(Record::read(&file, &question).unwrap(), outcomes);
+        assert_eq!(Record::read(&file, &question).unwrap(), (outcomes, Some(4)));
         let other = Record::read(&file, &json!({ "seed": 2 })).unwrap_err().to_string();
         assert!(other.contains("seed was 1, is 2"), "{other}");
         let mut bytes = std::fs::read(&file).unwrap();

@@ -14,9 +14,11 @@ const FORM: &str = "must be LABEL <= VALUE, LABEL >= VALUE or funnel";
 const FUNNEL: &str = "funnel";
 /// Outputs of a component that monitors or prescribes a funnel: they count how often its error left it.
 const EXITS: [&str; 2] = ["funnel_exits", "funnel_reopened"];
+/// End of the label of a metric in percent.
+const PERCENT: &str = ", %";
 /// Short forms of metrics of steps: the word, the label's parts before and after the signal, and the label's unit.
 const SHORT: [(&str, &str, &str, f64); 3] = [
-    ("overshoot", "overshoot of ", ", %", 100.0),
+    ("overshoot", "overshoot of ", PERCENT, 100.0),
     ("settling", "settling time of ", ", s", 1.0),
     ("rise", "rise time of ", ", s", 1.0),
 ];
@@ -45,6 +47,8 @@ pub enum Requirement {
         side: Side,
         /// The value.
         value: f64,
+        /// True if it is in percent.
+        percent: bool,
     },
 }
 
@@ -59,13 +63,13 @@ impl FromStr for Requirement {
         let last = places.into_iter().filter_map(|(sign, side)| Some((text.rfind(sign)?, side))).max_by_key(|it| it.0);
         let (place, side) = last.ok_or(FORM)?;
         let (label, written) = (text[..place].trim(), text[place + 2..].trim());
-        let (number, unit) = written.strip_suffix('%').map_or((written, 1.0), |number| (number, 0.01));
+        let (number, percent) = written.strip_suffix('%').map_or((written, false), |number| (number, true));
         let value = number.trim().parse().ok().filter(|value: &f64| value.is_finite());
         let value = value.ok_or_else(|| format!("`{written}` must be a finite number: {FORM}"))?;
         if label.is_empty() {
             return Err(FORM.to_owned());
         }
-        Ok(Requirement::Metric { label: label.to_owned(), side, value: unit * value })
+        Ok(Requirement::Metric { label: label.to_owned(), side, value, percent })
     }
 }
 
@@ -162,9 +166,12 @@ pub fn limits(
                 side: Side::AtMost,
                 value: 0.0,
             })),
-            Requirement::Metric { label, side, value } => {
+            Requirement::Metric { label, side, value, percent } => {
                 let (label, unit) = labelled(label, labels)?;
-                limits.push(Limit { label, side: *side, value: unit * value });
+                if *percent && !label.ends_with(PERCENT) {
+                    return Err(format!("`{label}` isn't in %: give its limit without % instead of {value}%"));
+                }
+                limits.push(Limit { label, side: *side, value: if *percent { *value } else { unit * value } });
             }
         }
     }
@@ -217,10 +224,17 @@ mod tests {
     #[test]
     fn the_last_operator_separates_the_label_from_the_value() {
         let read = |text: &str| text.parse::<Requirement>().unwrap();
-        let metric = |label: &str, side, value| Requirement::Metric { label: label.to_owned(), side, value };
+        let metric =
+            |label: &str, side, value| Requirement::Metric { label: label.to_owned(), side, value, percent: false };
         assert_eq!(read("rms e_1, t >= 5 s <= 0.05"), metric("rms e_1, t >= 5 s", Side::AtMost, 0.05));
         assert_eq!(read("max |u_1| >= -1e2"), metric("max |u_1|", Side::AtLeast, -100.0));
-        assert_eq!(read("overshoot y[1] <= 10 %"), metric("overshoot y[1]", Side::AtMost, 0.1));
+        let in_percent = |label: &str| Requirement::Metric {
+            label: label.to_owned(),
+            side: Side::AtMost,
+            value: 10.0,
+            percent: true,
+        };
+        assert_eq!(read("overshoot y[1] <= 10 %"), in_percent("overshoot y[1]"));
         assert_eq!(read(" funnel "), Requirement::Funnel);
         for wrong in ["max |u_1|", "max |u_1| < 1", "<= 1", "a <= b", "a <= inf"] {
             assert!(wrong.parse::<Requirement>().unwrap_err().contains("LABEL <= VALUE"), "{wrong}");

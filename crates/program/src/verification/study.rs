@@ -62,6 +62,16 @@ pub enum Batch {
     Drawn(Vec<Drawn>),
 }
 
+impl Batch {
+    /// Number of samples.
+    fn size(&self) -> usize {
+        match self {
+            Batch::Plain { count, .. } => *count as usize,
+            Batch::Drawn(drawn) => drawn.len(),
+        }
+    }
+}
+
 /// The end of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ended {
@@ -118,6 +128,9 @@ impl Study {
         let varied = Varied::new(&first, &asked.vary, plants, &events, settings).map_err(wrong)?;
         let varied = if asked.same_noise { varied } else { varied.with_noise(&first) };
         let labels = Meter::new(&structure, &mut first.signals()).map_err(wrong)?.labels();
+        if let Some(label) = labels.iter().enumerate().find_map(|(k, it)| labels[..k].contains(it).then_some(it)) {
+            return Err(wrong(format!("two metrics of the loop are called `{label}`: give one another label")));
+        }
         let of = limits(&asked.require, &structure, &first, &labels).map_err(wrong)?;
         let place = |label: &String| labels.iter().position(|known| known == label).unwrap_or_default();
         let limits = Limits { places: of.iter().map(|limit| place(&limit.label)).collect(), of };
@@ -157,6 +170,16 @@ impl Study {
     /// The device of its runs; none if the processor makes them.
     pub fn device(&self) -> Option<&str> {
         self.accelerated.as_ref().map(Accelerated::name)
+    }
+
+    /// Fixed steps of its device in a communication step; 0 where that isn't accurate enough.
+    pub fn substeps(&self) -> Option<usize> {
+        self.accelerated.as_ref().map(Accelerated::substeps)
+    }
+
+    /// Goes on with the fixed steps of an earlier call.
+    pub fn go_on(&self, substeps: usize) {
+        self.accelerated.iter().for_each(|device| device.go_on(substeps, self));
     }
 
     /// Start values and changes of a sample.
@@ -329,9 +352,7 @@ impl Study {
             if self.accelerated.as_ref().is_some_and(Accelerated::begins_anew) {
                 (tally, counted) = (Tally::default(), 0);
                 outcomes.clear();
-                if !interrupted {
-                    continue;
-                }
+                continue;
             }
             if interrupted {
                 outcomes[counted..].iter().for_each(|outcome| tally.add(outcome, &self.limits));
@@ -387,11 +408,7 @@ impl Study {
 
     /// The outcomes of a batch on all threads; fewer if the user stops it.
     pub(super) fn one_by_one(&self, batch: &Batch, is_interrupted: &(impl Fn() -> bool + Sync)) -> Vec<Outcome> {
-        let count = match batch {
-            Batch::Plain { count, .. } => *count as usize,
-            Batch::Drawn(drawn) => drawn.len(),
-        };
-        let made = parallel::each(&self.loops, count, |loaded, k| {
+        let made = parallel::each(&self.loops, batch.size(), |loaded, k| {
             let (values, noise) = match batch {
                 Batch::Plain { first, .. } => (self.plain(first + k as u64), first + k as u64),
                 Batch::Drawn(drawn) => (self.varied.values(&drawn[k].parts), drawn[k].noise),
@@ -475,8 +492,11 @@ impl Study {
     }
 }
 
-/// Outcomes of batches by workers; fewer if the user stops it.
+/// Outcomes of batches by workers; fewer if the user stops it, or a worker was stopped: then those before its batch.
 pub(super) fn hand_out(workers: &dyn Workers, batches: impl IntoIterator<Item = Batch>) -> Vec<Outcome> {
+    let batches: Vec<Batch> = batches.into_iter().collect();
+    let sizes: Vec<usize> = batches.iter().map(Batch::size).collect();
     let made = results::<Vec<Outcome>>(workers, batches, |_| ());
-    made.into_iter().map_while(|outcomes| outcomes).flatten().collect()
+    let whole = made.into_iter().zip(sizes).map_while(|(outcomes, size)| outcomes.filter(|it| it.len() == size));
+    whole.flatten().collect()
 }

@@ -156,3 +156,13 @@ pub(super) fn input(law: &Law, source: Source, (number, place): (usize, usize), 
     let column = inputs.filter(|&e| variables.index(e) == place).find_map(|element| signals.get(&element.name()));
     column.and_then(|column| column.get(step).or(column.last())).copied().unwrap_or(start)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{LEAST, sizes};
+
+    #[test]
+    fn a_small_value_is_compared_with_its_own_size_unless_it_is_rounding_of_others() {
+        assert_eq!(sizes(&[2.0, 1e-3, 1e-9, 0.0]), [2.0, 1e-3, 2.0 * LEAST, 2.0 * LEAST]);
+    }
+}

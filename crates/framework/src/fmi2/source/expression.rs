@@ -294,3 +294,26 @@ pub fn number(value: f64) -> String {
     };
     format!("{sign}{wrap}({magnitude:?})")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn numbers_that_float_cannot_hold_are_marked_in_c() {
+        let cases = [
+            (0.1, "R(0.1)"),
+            (-2.5, "-R(2.5)"),
+            (-0.0, "-R(0.0)"),
+            (f64::from(f32::MAX), "R(3.4028234663852886e38)"),
+            (3.5e38, "LARGE(3.5e38)"),
+            (-1e300, "-LARGE(1e300)"),
+            (f64::from(f32::MIN_POSITIVE), "R(1.1754943508222875e-38)"),
+            (1e-38, "SMALL(1e-38)"),
+            (f64::INFINITY, "(real)INFINITY"),
+            (f64::NEG_INFINITY, "-(real)INFINITY"),
+            (f64::NAN, "(real)NAN"),
+        ];
+        cases.iter().for_each(|(value, text)| assert_eq!(number(*value), *text));
+    }
+}

@@ -207,18 +207,29 @@ impl Structure {
         let Some((target, text)) = assignment.split_once('=') else {
             return Err(origin.refuse("must be UNIT.variable=value"));
         };
-        let by_fmu = |unit: &str| {
-            let users: Vec<usize> = (0..self.components.len()).filter(|&k| self.components[k].fmu == unit).collect();
-            (!users.is_empty()).then_some(users)
-        };
         let (target, text) = (target.trim(), text.trim().to_owned());
         if !target.contains('.') {
             put(&mut self.whole, StartValue { name: target.to_owned(), data_type: None, text, unit: None, origin });
             return Ok(());
         }
-        let (place, name) = self.split(target, by_fmu).map_err(|reason| origin.refuse(&reason))?;
+        let (place, name) = self.target(target).map_err(|reason| origin.refuse(&reason))?;
         put(&mut self.components[place].values, StartValue { name, data_type: None, text, unit: None, origin });
         Ok(())
+    }
+
+    /// The full name of the variable that such an assignment sets; none of a parameter of the composite.
+    pub fn set_by(&self, assignment: &str) -> Option<String> {
+        let (target, _) = assignment.split_once('=')?;
+        let (place, name) = self.target(target.trim()).ok()?;
+        Some(format!("{}.{name}", self.components[place].name))
+    }
+
+    /// The component and the variable of a name, whose component may be named by an FMU that only one has.
+    fn target(&self, name: &str) -> Result<(usize, String), String> {
+        self.split(name, |unit: &str| {
+            let users: Vec<usize> = (0..self.components.len()).filter(|&k| self.components[k].fmu == unit).collect();
+            (!users.is_empty()).then_some(users)
+        })
     }
 
     /// # Errors
