@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
+import numpy as np
 import pytest
 from conftest import PROGRAM, ROOT, adaptive_fmu
 from laws import PLANTS, WARNINGS, Law, Laws, built, kind
@@ -454,17 +455,17 @@ def test_a_replay_finds_a_law_that_is_another(laws: Laws, tmp_path: Path) -> Non
     assert run.returncode == 1 and f"{name}: failed" in run.stdout, run.stdout
 
 
-def test_vectors_are_of_the_loop_where_there_is_one(laws: Laws, tmp_path: Path) -> None:
-    name = "L1TwoLinkRobot"
-    laws.add(name)
-    expected = laws.inputs(name, "3.3.1-case1", 100)
-    text = (laws.firmware(name, 10) / f"{name}_replay.c").read_text()
-    rows = re.search(r"double replayed_inputs\[100\]\[(\d+)\] = \{\n(.*?)\n\};", text, re.DOTALL)
-    assert rows
-    found = [float(number) for number in re.findall(r"-?\d[\d.e+-]*", rows[2])]
-    for k, row in enumerate(expected.tolist()):
-        of_step = found[k * int(rows[1]) : (k + 1) * int(rows[1])]
-        assert_same(of_step, row, k, 1e-4)
+def test_vectors_are_of_the_loop_where_there_is_one_and_else_move_each_input(laws: Laws) -> None:
+    def vectors(name: str) -> np.ndarray:
+        text = (laws.firmware(name, 10) / f"{name}_replay.c").read_text()
+        rows = re.search(r"double replayed_inputs\[100\]\[\d+\] = \{\n(.*?)\n\};", text, re.DOTALL)
+        return np.array([[float(number) for number in row.split(",")] for row in re.findall(r"\{([^}]*)\}", rows[1])])
+
+    laws.add("L1TwoLinkRobot")
+    expected = laws.inputs("L1TwoLinkRobot", "3.3.1-case1", 100)
+    for k, (row, of_loop) in enumerate(zip(vectors("L1TwoLinkRobot").tolist(), expected.tolist(), strict=True)):
+        assert_same(row, of_loop, k, 1e-4)
+    assert np.all(np.ptp(vectors("PidNonlinearSiso"), axis=0) > 1e-3)
 
 
 @pytest.mark.skipif(not shutil.which("cmake"), reason="there is no cmake")

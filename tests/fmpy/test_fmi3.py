@@ -52,7 +52,7 @@ def test_variables_are_those_of_fmi_2(name: str, fmu3: Callable[[str], Fmu3], fm
     problems = validate_fmu(str(fmu3(name).file))
     assert problems == []
     new, old = fmu3(name), fmu(name).variables
-    seen = set()
+    seen, states = set(), [rate.variable.derivative for rate in new.about.derivatives]
     for variable in new.about.modelVariables:
         if variable.causality in ("independent", "structuralParameter") or variable.name == "event_indicators":
             continue
@@ -64,6 +64,10 @@ def test_variables_are_those_of_fmi_2(name: str, fmu3: Callable[[str], Fmu3], fm
                 assert getattr(variable, attribute) == getattr(before, attribute), (one, attribute)
             assert (starts[k] if starts else None) == before.start, one
             seen.add(one)
+        nominals = {float(old[one].nominal or 1) for one in new.elements[variable.name]}
+        if len(nominals) == 1:
+            assert {float(variable.nominal or 1)} == nominals, variable.name
+            assert variable.nominal or variable not in states, variable.name
     assert seen == set(old)
 
 

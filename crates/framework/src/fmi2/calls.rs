@@ -264,3 +264,21 @@ impl Function {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_names_no_mode_that_the_standard_lacks() {
+        let mut named = 0;
+        for function in Function::ALL {
+            for interface in [Interface::CoSimulation, Interface::ModelExchange] {
+                let text = |standard| function.refusal((standard, interface), Phase::Poisoned);
+                assert!(!text(Standard::Fmi2).contains("Configuration Mode"), "{}", text(Standard::Fmi2));
+                named += usize::from(text(Standard::Fmi3).contains("Configuration Mode"));
+            }
+        }
+        assert!(named > 0);
+    }
+}

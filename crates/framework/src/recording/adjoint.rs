@@ -118,6 +118,20 @@ mod tests {
     }
 
     #[test]
+    fn an_iteration_is_not_followed_back() {
+        let leaf = Leaf::Real(0);
+        let (found, mut tape) = on_tape(0, || {
+            let mut state = [Recorded::of(Operation::Leaf(leaf))];
+            Recorded::iterate(&mut state, 9, |state| state[0].above(Recorded::from(1.0)), |state| state[0] *= 0.5);
+            state[0] * 2.0
+        });
+        let (one, by) = (tape.number(1.0), tape.leaf(leaf));
+        assert_eq!(tape.adjoints(&[(found.node(), one)], &[by]), None);
+        // What isn't wanted isn't followed.
+        assert_eq!(tape.adjoints(&[(by, one)], &[by]), Some(vec![Some(one)]));
+    }
+
+    #[test]
     fn an_arm_that_is_not_taken_has_no_part_in_it_though_its_derivative_is_none() {
         // At x = 0 the root has no derivative, and the quotient no value.
         let function = |[x, y]: [Recorded; 2]| Recorded::select(x.below(y), x * y, x.sqrt() * (y / x));

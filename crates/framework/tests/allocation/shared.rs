@@ -74,6 +74,28 @@ fn a_further_instance_holds_little_more_than_its_values() {
     }
 }
 
+#[test]
+fn a_thread_has_its_working_memory_still_after_others_have_made_theirs() {
+    let folder = tempfile::tempdir().unwrap();
+    let request = request("L1TwoLinkRobot", folder.path());
+    let make = || {
+        let log: &'static RefCell<_> = Box::leak(Box::default());
+        let callbacks = Box::leak(Box::new(callbacks(log)));
+        let before = BYTES.get();
+        let component = request.make(callbacks);
+        assert_eq!(interface::enter_initialization_mode(component), OK);
+        assert_eq!(interface::exit_initialization_mode(component), OK);
+        (component.expose_provenance(), BYTES.get() - before)
+    };
+    let [(first, _), (second, shared)] = [make(), make()];
+    let (other, of_other) = thread::scope(|scope| scope.spawn(make).join().unwrap());
+    let (third, bytes) = make();
+    assert!(of_other > MOST && shared > MOST && bytes <= MOST, "{shared}, {of_other}, {bytes} bytes");
+    for component in [first, second, other, third] {
+        unsafe { fmi2FreeInstance(std::ptr::with_exposed_provenance_mut(component)) };
+    }
+}
+
 /// The most allocations in the lifetime of an instance, if its FMU has been in use.
 const OF_A_LIFETIME: usize = 100;
 

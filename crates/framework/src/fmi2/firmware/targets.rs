@@ -108,3 +108,24 @@ fn may_be_written((array, first, step): &(String, usize, usize), place: usize, l
     ["dx->", "c->", "y->"].iter().any(|pointer| array.starts_with(pointer))
         || is_state && readers(array, loops).iter().all(is_own)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fmi2::source::loops::Lanes;
+
+    #[test]
+    fn a_loop_writes_to_states_only_where_no_other_lane_or_loop_reads_them() {
+        let reads = |array: &str, first| {
+            let inputs = vec![Input::Elements((array.to_owned(), first, 1), Kind::Real)];
+            Lanes { count: 3, inputs, targets: Vec::new(), call: None }
+        };
+        let loops = Loops::from([(4, reads("x->own", 0)), (5, reads("x->neighbour", 1)), (9, reads("x->read", 0))]);
+        let may = |array: &str| may_be_written(&(array.to_owned(), 0, 1), 4, &loops);
+        assert!(may("x->own") && may("x->unread") && may("d->unread") && may("dx->x"));
+        assert!(!may("x->neighbour") && !may("x->read") && !may("p->gain"));
+        // Where another loop reads them, too, its own lane's reading isn't all.
+        let loops = Loops::from([(4, reads("x->own", 0)), (9, reads("x->own", 0))]);
+        assert!(!may_be_written(&("x->own".to_owned(), 0, 1), 4, &loops));
+    }
+}

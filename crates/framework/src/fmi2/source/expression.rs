@@ -297,7 +297,7 @@ pub fn number(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::number;
+    use super::{Comparison, Expression, Kind, number};
 
     #[test]
     fn numbers_that_float_cannot_hold_are_marked_in_c() {
@@ -315,5 +315,15 @@ mod tests {
             (f64::NAN, "(real)NAN"),
         ];
         cases.iter().for_each(|(value, text)| assert_eq!(number(*value), *text));
+    }
+
+    #[test]
+    fn only_whole_numbers_are_compared_as_such() {
+        let below = |value: f64| {
+            let n = Expression::atom("n", Kind::Whole);
+            Expression::compare(Comparison::Below, &n, &Expression::number(value)).text
+        };
+        let texts = [2.0, -3.0, 0.5, 3e9].map(below);
+        assert_eq!(texts, ["n < 2", "n < -3", "(real)n < R(0.5)", "(real)n < R(3000000000.0)"]);
     }
 }
