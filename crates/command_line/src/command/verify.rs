@@ -212,8 +212,8 @@ impl Task {
             record.write(file)
         };
         let done = |outcomes: &[Outcome], tally: &Tally| {
-            if outcomes.len() < counted {
-                // Fixed steps were too long: the study has begun anew.
+            if outcomes.is_empty() || outcomes.len() < counted {
+                // The study begins, or begins anew since fixed steps were too long.
                 (record, counted, anew) = (new(), 0, true);
                 counter.restart();
             }

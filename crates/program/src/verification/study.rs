@@ -340,10 +340,8 @@ impl Study {
             let made = match workers {
                 Some(workers) => {
                     let starts = (first..first + count).step_by(ROW as usize);
-                    hand_out(
-                        workers,
-                        starts.map(|from| Batch::Plain { first: from, count: ROW.min(first + count - from) }),
-                    )
+                    let row = |from| Batch::Plain { first: from, count: ROW.min(first + count - from) };
+                    hand_out(workers, starts.map(row))
                 }
                 None => self.batch(&Batch::Plain { first, count }, &is_interrupted),
             };
