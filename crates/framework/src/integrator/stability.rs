@@ -106,7 +106,7 @@ pub struct Limits {
     pub stiff: f64,
     /// The mode that sets the limit of growth.
     pub mode: Mode,
-    /// Factor by which the least damped oscillation divides the tolerance, since it carries errors on; 0 without one.
+    /// Factor by which the least damped oscillation divides the tolerance, since it carries errors on; without effect up to 1.
     pub carried: f64,
 }
 
@@ -309,6 +309,11 @@ mod tests {
         let carried = |growth: f64| limits(&[(growth, 2e3), (-3e5, 0.0)]).carried;
         assert_eq!([carried(1.0), carried(-0.05), carried(-200.0)], [GROWING, FARTHEST, 0.0]);
         assert!((carried(-20.0) - 5.0).abs() < 1e-2, "ζ = 0.01: {}", carried(-20.0));
+        let mut limits = Limits::default();
+        limits.add(Complex::new(1e-9, 2e3), 1e-8);
+        assert_eq!(limits.carried, FARTHEST, "growth within rounding errors");
+        limits.keep_carrying(GROWING);
+        assert_eq!(limits.carried, REMAINING * GROWING, "errors of a former growth");
         // Two integrators with fast actuators, in other coordinates: the double eigenvalue 0 is found as a pair.
         let (mut pairs, mut spectrum) = (0, Spectrum::new(4));
         for k in 1..100 {

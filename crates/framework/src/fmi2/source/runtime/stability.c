@@ -23,7 +23,7 @@
 #define CARRYING R(0.05)
 #define FARTHEST R(100.0)
 #define GROWING R(1000.0)
-/* This part of that stays from one look to the next: damping may change sign with the state, errors remain. */
+/* Part of that factor that stays from one look to the next: damping may change sign with the state, errors remain. */
 #define REMAINING R(0.9)
 /* The explicit method's substep stays at this part of its limit of stability. */
 #define STABLE_PART R(0.8)
