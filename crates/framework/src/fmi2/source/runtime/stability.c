@@ -23,8 +23,6 @@
 #define CARRYING R(0.05)
 #define FARTHEST R(100.0)
 #define GROWING R(1000.0)
-/* Part of that factor that stays from one look to the next: damping may change sign with the state, errors remain. */
-#define REMAINING R(0.9)
 /* The explicit method's substep stays at this part of its limit of stability. */
 #define STABLE_PART R(0.8)
 /* Stability along a ray is looked for from lambda h of this magnitude, in such steps, up to the farthest point: of order 5,
@@ -186,14 +184,14 @@ static void follow(Limits *limits, real limit, Mode mode) {
 /* Adds what an eigenvalue asks for whose rounding error may be as large as `noise`. */
 static void add_limit(Limits *limits, Mode value, real noise) {
     real size = F(hypot)(value.growth, value.frequency), growth = value.growth;
+    if (value.frequency > R(0.0) && -growth < CARRYING * size) {
+        real damped = -growth * FARTHEST > CARRYING * size ? CARRYING * size / -growth : FARTHEST;
+        limits->carried = larger(limits->carried, growth > R(0.0) ? GROWING : damped);
+    }
     if (size <= noise) {
         /* Whatever it is, it may grow as fast as that. */
         follow(limits, noise / GROWTH_IN_A_SUBSTEP, value);
         return;
-    }
-    if (value.frequency > R(0.0) && -growth < CARRYING * size) {
-        real damped = -growth * FARTHEST > CARRYING * size ? CARRYING * size / -growth : FARTHEST;
-        limits->carried = larger(limits->carried, growth > noise ? GROWING : damped);
     }
     Complex direction = {value.growth / size, value.frequency / size};
     if (growth <= R(0.0)) {
@@ -239,9 +237,9 @@ static void remember_limits(Limits *limits, const Limits *before) {
     }
 }
 
-/* Keeps most of how far errors were carried before: between two looks an oscillation may come and go. */
+/* Keeps half of how far errors were carried before: between two looks an oscillation may come and go. */
 static void keep_carrying(Limits *limits, real before) {
-    limits->carried = larger(limits->carried, REMAINING * before);
+    limits->carried = larger(limits->carried, FORGOTTEN * before);
 }
 
 #endif
