@@ -157,7 +157,7 @@ impl Methods {
             order_8: Dop853::new(states),
             stiff,
             own,
-            watch: Watch::new(states),
+            watch: Watch::new(variables),
             choices: Choices::default(),
             typical,
             nominals,

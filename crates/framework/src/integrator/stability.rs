@@ -31,6 +31,8 @@ const CARRYING: f64 = 0.05;
 /// Largest factor of that; and the factor for a mode that grows.
 const FARTHEST: f64 = 100.0;
 const GROWING: f64 = 1000.0;
+/// Part of that factor that stays from one look to the next.
+const REMAINING: f64 = 0.9;
 /// Smallest tolerance that oscillations tighten to: rounding errors are as large.
 const LEAST_TOLERATED: f64 = 1e-12;
 /// The explicit method's substep stays at this part of its limit of stability. At the limit, errors of the tolerance's
@@ -104,7 +106,8 @@ pub struct Limits {
     pub stiff: f64,
     /// The mode that sets the limit of growth.
     pub mode: Mode,
-    /// Factor by which the least damped oscillation divides the tolerance, since it carries errors on; 0 without one.
+    /// Factor by which the least damped oscillation divides the tolerance, since it carries errors on; without effect
+    /// up to 1.
     pub carried: f64,
 }
 
@@ -112,15 +115,16 @@ impl Limits {
     /// The limits for the eigenvalues that were found.
     #[cfg(test)]
     pub fn of(spectrum: &Spectrum) -> Self {
-        Self::with_damped(spectrum).0
+        Self::with_damped(spectrum, false).0
     }
 
-    /// The limits for the eigenvalues that were found, and the damped mode that sets the explicit method's.
-    pub fn with_damped(spectrum: &Spectrum) -> (Self, Mode) {
+    /// The limits for the eigenvalues that were found, and the damped mode that sets the explicit method's. `open`: the
+    /// system has inputs.
+    pub fn with_damped(spectrum: &Spectrum, open: bool) -> (Self, Mode) {
         let (mut limits, mut damped) = (Limits::default(), Mode::default());
         for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
             let before = limits.order_5.stable;
-            limits.add(value, noise);
+            limits.add(value, noise, open);
             if limits.order_5.stable > before {
                 damped = Mode { growth: value.re, frequency: value.im };
             }
@@ -129,18 +133,22 @@ impl Limits {
     }
 
     /// Adds what an eigenvalue asks for whose rounding error may be as large as `noise`.
-    fn add(&mut self, value: Complex<f64>, noise: f64) {
+    fn add(&mut self, value: Complex<f64>, noise: f64, open: bool) {
         let (size, growth) = (value.norm(), value.re);
+        if size <= noise {
+            // Two integrators: the loop around a system with inputs makes modes of them that aren't known here.
+            if open && value.im > 0.0 {
+                self.carried = GROWING;
+            }
+            // Whatever it is, it may grow as fast as that.
+            return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
+        }
         if value.im > 0.0 && -growth < CARRYING * size {
             self.carried = self.carried.max(match growth {
-                growth if growth > 0.0 => GROWING,
+                growth if growth > noise => GROWING,
                 growth if -growth * FARTHEST > CARRYING * size => CARRYING * size / -growth,
                 _ => FARTHEST,
             });
-        }
-        if size <= noise {
-            // Whatever it is, it may grow as fast as that.
-            return self.follow(noise / GROWTH_IN_A_SUBSTEP, value);
         }
         if growth <= 0.0 {
             self.order_5.keep_stable(value, (dormand_prince::stability, RAY_5));
@@ -165,9 +173,9 @@ impl Limits {
         }
     }
 
-    /// Keeps half of how far errors were carried before: between two looks an oscillation may come and go.
+    /// Keeps most of how far errors were carried before: damping may change sign with the state, errors remain.
     pub fn keep_carrying(&mut self, before: f64) {
-        self.carried = self.carried.max(FORGOTTEN * before);
+        self.carried = self.carried.max(REMAINING * before);
     }
 
     /// The relative error that a substep may have, so that what an oscillation carries on stays within `relative`.
@@ -300,5 +308,36 @@ mod tests {
         assert!(damped(0.5) > 2e3 && damped(2.0) == 0.0, "hardly damped ones too, and no others");
         // Zero is no mode: an integrator neither grows nor oscillates.
         assert_eq!(limits(&[(0.0, 0.0), (-1.0, 0.0)]).stiff, 0.0);
+    }
+
+    #[test]
+    fn weakly_damped_oscillations_tighten_the_tolerance_and_rounding_errors_of_integrators_only_within_a_loop() {
+        let carried = |growth: f64| limits(&[(growth, 2e3), (-3e5, 0.0)]).carried;
+        assert_eq!([carried(1.0), carried(-0.05), carried(-200.0)], [GROWING, FARTHEST, 0.0]);
+        assert!((carried(-20.0) - 5.0).abs() < 1e-2, "ζ = 0.01: {}", carried(-20.0));
+        let mut limits = Limits::default();
+        limits.add(Complex::new(1e-9, 2e3), 1e-8, true);
+        assert_eq!(limits.carried, FARTHEST, "growth within rounding errors");
+        limits.keep_carrying(GROWING);
+        assert_eq!(limits.carried, REMAINING * GROWING, "errors of a former growth");
+        // Two integrators with fast actuators, in other coordinates: the double eigenvalue 0 is found as a pair.
+        let (mut pairs, mut spectrum) = (0, Spectrum::new(4));
+        for k in 1..100 {
+            let (c, s) = (f64::from(k).cos(), f64::from(k).sin());
+            let rotated = |m: [[f64; 4]; 4], (i, j): (usize, usize)| {
+                let mut m = m;
+                (0..4).for_each(|r| (m[r][i], m[r][j]) = (c * m[r][i] - s * m[r][j], s * m[r][i] + c * m[r][j]));
+                (0..4).for_each(|r| (m[i][r], m[j][r]) = (c * m[i][r] - s * m[j][r], s * m[i][r] + c * m[j][r]));
+                m
+            };
+            let a = [[0.0; 4], [0.0; 4], [0.0, 0.0, -1e6, 0.0], [0.0, 0.0, 0.0, -3e5]];
+            let a = rotated(rotated(rotated(a, (0, 2)), (1, 3)), (0, 1));
+            assert!(spectrum.find(a.as_flattened()));
+            let paired = spectrum.values().any(|(value, _)| value.im > 0.0);
+            pairs += usize::from(paired);
+            assert_eq!(Limits::of(&spectrum).carried, 0.0, "{k}");
+            assert_eq!(Limits::with_damped(&spectrum, true).0.carried, if paired { GROWING } else { 0.0 }, "{k}");
+        }
+        assert!(pairs > 10, "{pairs}");
     }
 }

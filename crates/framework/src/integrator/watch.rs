@@ -10,6 +10,7 @@ use super::jacobian::Jacobian;
 use super::spectrum::Spectrum;
 use super::stability::{Limits, Mode};
 use super::work::Work;
+use crate::system::{Section, Variables};
 
 /// Eigenvalues of larger systems take too long; these stay with the explicit method, unless a user asks otherwise.
 pub const MOST_STATES: usize = 250;
@@ -30,16 +31,19 @@ pub struct Watch {
     spectrum: Spectrum,
     /// Work of finding eigenvalues, and of a Jacobian.
     work: [f64; 2],
+    /// True if the system has inputs.
+    open: bool,
     /// The damped mode that set the explicit method's limit at the last look, for messages only.
     damped: Mode,
 }
 
 impl Watch {
-    /// Watch for a system with this number of states; none if it is too large.
-    pub fn new(states: usize) -> Option<Self> {
+    /// Watch for a system with these variables; none if it has too many states.
+    pub fn new(variables: &Variables) -> Option<Self> {
+        let states = variables.states();
         let work = Work::of_states(states);
-        let work = [work.eigenvalues, work.jacobian];
-        let watch = || Watch { spectrum: Spectrum::new(states), work, damped: Mode::default() };
+        let (work, open) = ([work.eigenvalues, work.jacobian], !variables.reals(Section::Input).is_empty());
+        let watch = || Watch { spectrum: Spectrum::new(states), work, open, damped: Mode::default() };
         (1..=MOST_STATES).contains(&states).then(watch)
     }
 
@@ -90,7 +94,7 @@ impl Watch {
     fn look(&mut self, jacobian: &Jacobian, pace: &mut Pace) {
         let carried = pace.limits.carried;
         (pace.limits, self.damped) = if self.spectrum.find(jacobian.by_states()) {
-            Limits::with_damped(&self.spectrum)
+            Limits::with_damped(&self.spectrum, self.open)
         } else {
             Default::default()
         };

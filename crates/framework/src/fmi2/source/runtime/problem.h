@@ -53,7 +53,7 @@ typedef struct {
     ExplicitLimits order_8;
     real stiff; /* the stiff one, that what grows does so at its rate */
     Mode mode;  /* the mode that sets the limit of growth */
-    real carried; /* how many times as far as well-damped modes the least damped oscillation carries an error; 0: none does */
+    real carried; /* how many times as far as well-damped modes the least damped oscillation carries an error; up to 1: none does */
 } Limits;
 
 /* What integrates. */

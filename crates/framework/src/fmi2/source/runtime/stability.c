@@ -184,14 +184,20 @@ static void follow(Limits *limits, real limit, Mode mode) {
 /* Adds what an eigenvalue asks for whose rounding error may be as large as `noise`. */
 static void add_limit(Limits *limits, Mode value, real noise) {
     real size = F(hypot)(value.growth, value.frequency), growth = value.growth;
-    if (value.frequency > R(0.0) && -growth < CARRYING * size) {
-        real damped = -growth * FARTHEST > CARRYING * size ? CARRYING * size / -growth : FARTHEST;
-        limits->carried = larger(limits->carried, growth > R(0.0) ? GROWING : damped);
-    }
     if (size <= noise) {
+#if UNIT_INPUTS > 0
+        /* Two integrators: the loop around a unit with inputs makes modes of them that aren't known here. */
+        if (value.frequency > R(0.0)) {
+            limits->carried = GROWING;
+        }
+#endif
         /* Whatever it is, it may grow as fast as that. */
         follow(limits, noise / GROWTH_IN_A_SUBSTEP, value);
         return;
+    }
+    if (value.frequency > R(0.0) && -growth < CARRYING * size) {
+        real damped = -growth * FARTHEST > CARRYING * size ? CARRYING * size / -growth : FARTHEST;
+        limits->carried = larger(limits->carried, growth > noise ? GROWING : damped);
     }
     Complex direction = {value.growth / size, value.frequency / size};
     if (growth <= R(0.0)) {
@@ -237,9 +243,9 @@ static void remember_limits(Limits *limits, const Limits *before) {
     }
 }
 
-/* Keeps half of how far errors were carried before: between two looks an oscillation may come and go. */
+/* Keeps most of how far errors were carried before: damping may change sign with the state, errors remain. */
 static void keep_carrying(Limits *limits, real before) {
-    limits->carried = larger(limits->carried, FORGOTTEN * before);
+    limits->carried = larger(limits->carried, R(0.9) * before);
 }
 
 #endif
