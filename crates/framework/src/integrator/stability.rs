@@ -31,7 +31,7 @@ const CARRYING: f64 = 0.05;
 /// Largest factor of that; and the factor for a mode that grows.
 const FARTHEST: f64 = 100.0;
 const GROWING: f64 = 1000.0;
-/// Part of that factor that stays from one look to the next.
+/// Part of the factor that stays from one look to the next.
 const REMAINING: f64 = 0.9;
 /// Smallest tolerance that oscillations tighten to: rounding errors are as large.
 const LEAST_TOLERATED: f64 = 1e-12;
@@ -119,7 +119,7 @@ impl Limits {
     }
 
     /// The limits for the eigenvalues that were found, and the damped mode that sets the explicit method's. `open`: the
-    /// system has inputs.
+    /// system is a part of a loop that isn't known.
     pub fn with_damped(spectrum: &Spectrum, open: bool) -> (Self, Mode) {
         let (mut limits, mut damped) = (Limits::default(), Mode::default());
         for (value, noise) in spectrum.values().filter(|(value, _)| value.im >= 0.0) {
@@ -136,7 +136,7 @@ impl Limits {
     fn add(&mut self, value: Complex<f64>, noise: f64, open: bool) {
         let (size, growth) = (value.norm(), value.re);
         if size <= noise {
-            // Two integrators: the loop around a system with inputs makes modes of them that aren't known here.
+            // Two integrators, of which the loop around them may make an oscillation that grows.
             if open && value.im > 0.0 {
                 self.carried = GROWING;
             }
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn weakly_damped_oscillations_tighten_the_tolerance_and_rounding_errors_of_integrators_only_within_a_loop() {
+    fn weakly_damped_oscillations_tighten_the_tolerance_and_integrators_only_where_the_loop_is_unknown() {
         let carried = |growth: f64| limits(&[(growth, 2e3), (-3e5, 0.0)]).carried;
         assert_eq!([carried(1.0), carried(-0.05), carried(-200.0)], [GROWING, FARTHEST, 0.0]);
         assert!((carried(-20.0) - 5.0).abs() < 1e-2, "ζ = 0.01: {}", carried(-20.0));

@@ -10,7 +10,7 @@ use super::jacobian::Jacobian;
 use super::spectrum::Spectrum;
 use super::stability::{Limits, Mode};
 use super::work::Work;
-use crate::system::{Section, Variables};
+use crate::system::Variables;
 
 /// Eigenvalues of larger systems take too long; these stay with the explicit method, unless a user asks otherwise.
 pub const MOST_STATES: usize = 250;
@@ -31,7 +31,7 @@ pub struct Watch {
     spectrum: Spectrum,
     /// Work of finding eigenvalues, and of a Jacobian.
     work: [f64; 2],
-    /// True if the system has inputs.
+    /// True if the system is a part of a loop that isn't known.
     open: bool,
     /// The damped mode that set the explicit method's limit at the last look, for messages only.
     damped: Mode,
@@ -42,7 +42,7 @@ impl Watch {
     pub fn new(variables: &Variables) -> Option<Self> {
         let states = variables.states();
         let work = Work::of_states(states);
-        let (work, open) = ([work.eigenvalues, work.jacobian], !variables.reals(Section::Input).is_empty());
+        let (work, open) = ([work.eigenvalues, work.jacobian], variables.is_open());
         let watch = || Watch { spectrum: Spectrum::new(states), work, open, damped: Mode::default() };
         (1..=MOST_STATES).contains(&states).then(watch)
     }

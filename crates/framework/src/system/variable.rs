@@ -355,6 +355,8 @@ pub struct Variables {
     pub(super) clocks: Vec<SamplingClock<usize>>,
     /// Names that a description may give start values without effect.
     pub(super) without_effect: Vec<String>,
+    /// True for a composite with feedback between its parts.
+    pub(super) has_feedback: bool,
     pub(super) real_sizes: [usize; Section::COUNT],
     pub(super) integer_sizes: [usize; Section::COUNT],
     pub(super) offsets: Offsets,
@@ -362,6 +364,11 @@ pub struct Variables {
 }
 
 impl Variables {
+    /// True for a part of a loop that isn't known here: it has inputs, and no feedback between parts of its own.
+    pub(crate) fn is_open(&self) -> bool {
+        !self.has_feedback && !self.reals(Section::Input).is_empty()
+    }
+
     /// Fixes offsets once everything is declared.
     pub(super) fn finish(&mut self) {
         self.place_sections();

@@ -55,6 +55,7 @@ pub fn write(unit: &Unit) -> String {
         define(&format!("UNIT_INTEGER_{number}"), &(end - start));
     }
     define("UNIT_INDICATORS", &variables.indicators().len());
+    define("UNIT_IS_OPEN", &u8::from(variables.is_open()));
     define("UNIT_HAS_TIME_EVENTS", &u8::from(has_time_events(unit)));
     define("UNIT_OUTPUTS", &variables.controlled().count());
     define("UNIT_CATEGORIES", &unit.categories.len());

@@ -1,6 +1,6 @@
 //! Source of each input of a part.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use crate::error::Invalid;
 use crate::near;
@@ -66,6 +66,20 @@ fn resolve_one(from: &str, to: &str, elements: &HashMap<String, Element>, links:
     Ok(Link { from: (source.variable.section, source.place()), to: target_place, names })
 }
 
+/// True if the outputs of a part lead back to its inputs.
+pub(super) fn has_feedback(connections: &[(String, String)]) -> bool {
+    let part = |name: &str| name.split('.').next().map(String::from);
+    let mut links: Vec<_> = connections.iter().map(|(from, to)| (part(from), part(to))).collect();
+    // A part that nothing leads to is in no loop. Without it, others may be such parts.
+    let mut before = usize::MAX;
+    while links.len() < before {
+        before = links.len();
+        let reached: HashSet<_> = links.iter().map(|(_, to)| to.clone()).collect();
+        links.retain(|(from, _)| reached.contains(from));
+    }
+    !links.is_empty()
+}
+
 /// Makes inputs that nothing is connected to inputs of the composite, and links them to their part's.
 pub(super) fn open_inputs(links: &[Link], d: &mut Declaration) -> Vec<Link> {
     let is_open = |place: usize| links.iter().all(|link| link.to != place);
@@ -119,4 +133,20 @@ fn single(variable: &Variable, offset: usize) -> Variable {
         *nominal = vec![element.nominal()];
     }
     single
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loop_has_feedback_and_a_chain_has_none() {
+        let connected = |pairs: &[(&str, &str)]| {
+            has_feedback(&pairs.iter().map(|&(from, to)| (from.into(), to.into())).collect::<Vec<_>>())
+        };
+        assert!(connected(&[("r.y", "law.r"), ("law.u[1]", "plant.u"), ("plant.x[1]", "law.x[1]")]));
+        assert!(connected(&[("plant.y", "sensor.y"), ("law.u", "law.before")]), "a part may lead to itself");
+        assert!(!connected(&[("motor.u", "plant.u"), ("plant.x", "sensor.x"), ("motor.u", "sensor.u")]));
+        assert!(!connected(&[]));
+    }
 }

@@ -125,6 +125,7 @@ pub(super) fn declare(
         d.check_so_far()?;
     }
     let links = connection::resolve(&structure.connections, &d.variables)?;
+    d.variables.has_feedback = connection::has_feedback(&structure.connections);
     let open = connection::open_inputs(&links, d);
     let differences = differences::apply(&links, &mut parts, d);
     let links = differences::redirect(links, &parts, d).into_iter().chain(open).collect::<Vec<_>>();

@@ -185,8 +185,8 @@ static void follow(Limits *limits, real limit, Mode mode) {
 static void add_limit(Limits *limits, Mode value, real noise) {
     real size = F(hypot)(value.growth, value.frequency), growth = value.growth;
     if (size <= noise) {
-#if UNIT_INPUTS > 0
-        /* Two integrators: the loop around a unit with inputs makes modes of them that aren't known here. */
+#if UNIT_IS_OPEN
+        /* Two integrators, of which the loop around them may make an oscillation that grows. */
         if (value.frequency > R(0.0)) {
             limits->carried = GROWING;
         }
