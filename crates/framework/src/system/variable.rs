@@ -1,5 +1,4 @@
-//! The declared variables of a system: the one list that getters, setters, the model description and
-//! messages read.
+//! The declared variables of a system: the one list that getters, setters, the model description and messages read.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -364,11 +363,6 @@ pub struct Variables {
 }
 
 impl Variables {
-    /// True for a part of a loop that isn't known here: it has inputs, and no feedback between parts of its own.
-    pub(crate) fn is_open(&self) -> bool {
-        !self.has_feedback && !self.reals(Section::Input).is_empty()
-    }
-
     /// Fixes offsets once everything is declared.
     pub(super) fn finish(&mut self) {
         self.place_sections();

@@ -66,6 +66,13 @@ fn resolve_one(from: &str, to: &str, elements: &HashMap<String, Element>, links:
     Ok(Link { from: (source.variable.section, source.place()), to: target_place, names })
 }
 
+impl Variables {
+    /// True for a part of a loop that isn't known here: it has inputs, and no feedback between parts of its own.
+    pub(crate) fn is_open(&self) -> bool {
+        !self.has_feedback && !self.reals(Section::Input).is_empty()
+    }
+}
+
 /// True if the outputs of a part lead back to its inputs.
 pub(super) fn has_feedback(connections: &[(String, String)]) -> bool {
     let part = |name: &str| name.split('.').next().map(String::from);
