@@ -87,12 +87,13 @@ fn error_at_leaving(name: &str, longer: f64) -> (f64, usize) {
     (worst, times)
 }
 
-fn leave_accurately(names: &[&str], longer: f64) {
+/// Tests errors, of at most so many tolerances.
+fn leave_accurately(names: &[&str], longer: f64, most: f64) {
     let mut failed = Vec::new();
     for name in names {
         let (worst, times) = error_at_leaving(name, longer);
         println!("{name}, {longer} of its steps: {worst:.2} tolerances where it leaves a limit, {times} times");
-        if worst > 3.0 || times == 0 {
+        if worst > most || times == 0 {
             failed.push((name, worst, times));
         }
     }
@@ -101,15 +102,16 @@ fn leave_accurately(names: &[&str], longer: f64) {
 
 #[test]
 fn a_control_that_leaves_its_limit_is_as_accurate_as_its_tolerance() {
-    leave_accurately(&QUICK, 1.0);
-    leave_accurately(&QUICK, 50.0);
-    leave_accurately(&SLOW, 1.0);
+    leave_accurately(&QUICK, 1.0, 3.0);
+    leave_accurately(&QUICK, 50.0, 3.0);
+    leave_accurately(&SLOW, 1.0, 3.0);
 }
 
 #[test]
 #[ignore = "takes minutes"]
 fn a_control_with_fast_adaptation_leaves_its_limit_as_accurately_in_long_steps() {
-    // L1TwinRotor errs by up to 80 tolerances in long steps, with limits and without: docs/accuracy.md.
-    let others: Vec<_> = SLOW.into_iter().filter(|&name| name != "L1TwinRotor").collect();
-    leave_accurately(&others, 50.0);
+    // What docs/accuracy.md states: with limits and without, one errs by more.
+    let (one, others): (Vec<_>, Vec<_>) = SLOW.into_iter().partition(|&name| name == "L1TwinRotor");
+    leave_accurately(&others, 50.0, 3.0);
+    [44.0, 48.0, 50.0].into_iter().for_each(|longer| leave_accurately(&one, longer, 80.0));
 }
