@@ -280,6 +280,7 @@ fn as_json(candidates: &[Candidate], order: &[usize], arguments: &Arguments) -> 
                 "files": design.texts.iter().map(|(name, _)| console::path(&arguments.out.join(format!("{name}.toml")))).collect::<Vec<_>>(),
                 "bandwidth": design.bandwidth,
                 "step": design.step,
+                "duration": design.duration(),
                 "nominal": design.followed().map(followed),
                 "worst": design.worst().as_ref().map(followed),
                 "noise": design.noise,

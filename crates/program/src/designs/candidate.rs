@@ -410,6 +410,11 @@ impl Design {
         self.nominal.as_ref().ok().map(|(followed, _)| followed)
     }
 
+    /// How long the nominal loop ran from the step on, s. Its figures are about its end.
+    pub fn duration(&self) -> Option<f64> {
+        self.nominal.as_ref().ok()?.1.times.last().copied()
+    }
+
     /// The worst of its loops in each respect; `None` where one failed.
     pub fn worst(&self) -> Option<Followed> {
         let followed = |ran: &Ran| ran.as_ref().ok().map(|(followed, _)| followed.clone());

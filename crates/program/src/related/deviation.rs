@@ -28,22 +28,24 @@ pub fn short(deviation: f64) -> String {
     format!("{deviation:.*e}", 1)
 }
 
-/// A text of CSV in which the elements of an array, that share a cell, have a column each: `u` becomes `u[1]`, `u[2]`.
-pub fn with_elements(text: &str) -> String {
+/// A text of CSV in which the elements of an array, that share a cell, have a column each: `u` becomes `u[1]`, `u[2]`. Arrays of one
+/// element are known by their names only.
+pub fn with_elements(text: &str, is_array: impl Fn(&str) -> bool) -> String {
     let mut lines = text.lines();
     let Some(head) = lines.next() else { return String::new() };
     let Some(first) = lines.clone().find(|line| !line.trim().is_empty()) else { return text.to_owned() };
     let counts: Vec<usize> = first.split(',').map(|cell| cell.split_whitespace().count().max(1)).collect();
-    if counts.iter().all(|count| *count == 1) || counts.len() != head.split(',').count() {
+    let names: Vec<&str> = head.split(',').map(str::trim).collect();
+    let is_scalar = |(name, count): (&&str, &usize)| *count == 1 && !is_array(name);
+    if counts.len() != names.len() || names.iter().zip(&counts).all(is_scalar) {
         return text.to_owned();
     }
-    let of_array =
-        |name: &str, count: usize| (1..=count).map(|k| format!("{}[{k}]", name.trim())).collect::<Vec<_>>().join(",");
-    let head = head
-        .split(',')
+    let of_array = |name: &str, count: usize| (1..=count).map(|k| format!("{name}[{k}]")).collect::<Vec<_>>().join(",");
+    let columns = names
+        .iter()
         .zip(&counts)
-        .map(|(name, count)| if *count == 1 { name.to_owned() } else { of_array(name, *count) });
-    let mut text = head.collect::<Vec<_>>().join(",");
+        .map(|(name, count)| if is_scalar((name, count)) { (*name).to_owned() } else { of_array(name, *count) });
+    let mut text = columns.collect::<Vec<_>>().join(",");
     for line in lines {
         let cells = line.split(',').flat_map(|cell| cell.split_whitespace());
         text.push('\n');
@@ -110,10 +112,12 @@ mod tests {
 
     #[test]
     fn elements_that_share_a_cell_become_columns() {
+        let is_array = |name: &str| ["u", "r"].contains(&name);
         let text = "time,u,enabled\n0,1 2,1\n0.5,-3 4e-5,0\n";
-        assert_eq!(with_elements(text), "time,u[1],u[2],enabled\n0,1,2,1\n0.5,-3,4e-5,0\n");
-        for same in ["time,u\n0,1\n", "", "time,\"a b\"\n0,1\n"] {
-            assert_eq!(with_elements(same), same);
+        assert_eq!(with_elements(text, is_array), "time,u[1],u[2],enabled\n0,1,2,1\n0.5,-3,4e-5,0\n");
+        assert_eq!(with_elements("time, r,enabled\n0,1,1\n", is_array), "time,r[1],enabled\n0,1,1\n");
+        for same in ["time,y\n0,1\n", "", "time,\"a b\"\n0,1\n"] {
+            assert_eq!(with_elements(same, is_array), same);
         }
     }
 

@@ -189,10 +189,12 @@ impl Replay {
 fn run(experiment: &Experiment, fmu: &Arc<Fmu>) -> Result<Replayed, String> {
     let words = |error: Error| error.to_string();
     let (folder, description) = (Scratch::new().map_err(words)?, &fmu.description);
+    let is_array =
+        |name: &str| description.variable(name).is_none() && description.arrays.iter().any(|array| array.name == name);
     let file = |named: &Named, name: &str| {
         let Place::Inside(path) = &named.place else { return Err(format!("`{}` is not in the FMU", named.source)) };
         let text = read_entry(fmu.file(), path).map_err(words)?;
-        let text = if named.kind == TABLE { with_elements(&text) } else { text };
+        let text = if named.kind == TABLE { with_elements(&text, is_array) } else { text };
         let file = folder.path().join(name);
         output::write(&file, text.into_bytes()).map(|()| file).map_err(words)
     };
