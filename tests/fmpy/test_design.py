@@ -83,6 +83,22 @@ def test_the_first_is_sound_is_in_time_and_takes_least_control(number: int, tmp_
     assert max(y.max() - 1, 0) == pytest.approx(best["nominal"]["overshoot"], abs=0.01)
 
 
+def test_an_output_that_drifts_on_is_told(tmp_path: Path) -> None:
+    """A zero at -0.6 rad/s: within its funnel, the output creeps on long after the reference has been reached."""
+    creeps = Plant(
+        np.array([[-68.0, -3200.0, -36600.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        np.array([[1.0], [0.0], [0.0]]),
+        np.array([[-208500.0, -970700.0, -513750.0]]),
+        23.0,
+    )
+    output = designed(tmp_path, written(tmp_path, creeps), "--settling-time", "0.17", "--kinds", "funnel", code=(0, 3))
+    [candidate] = output["candidates"]
+    [note] = [note for note in candidate["notes"] if "drifts" in note]
+    assert f"in the last third of {candidate['duration']:.3g} s" in note
+    output = designed(tmp_path, MOTOR, "--output", "speed", "--settling-time", "0.1", "--reference", "100", "--kinds", "pid,l1,funnel")
+    assert not [note for candidate in output["candidates"] for note in candidate["notes"] if "drifts" in note]
+
+
 def test_files_are_written_that_can_be_exported(tmp_path: Path) -> None:
     output = designed(tmp_path, MOTOR, "--output", "speed", "--settling-time", "0.1", "--reference", "100")
     kinds = [candidate["kind"] for candidate in output["candidates"]]

@@ -34,6 +34,8 @@ const STEPS: i32 = 24;
 /// Duration of a run in settling times, or in 1/W if none is known.
 const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
+/// Change of an output over the last third of a run, in parts of its step, from which on it is said: a quarter of the band of settling.
+const DRIFT: f64 = 0.005;
 /// Longest run in the settling times that were asked for; a slower loop isn't run.
 const MOST: f64 = 30.0;
 
@@ -347,7 +349,10 @@ impl Task {
         let Attempt { controller, observer, bandwidth } = attempt;
         let operations = controller.operations + observer.map_or(0, |observer| observer.operations);
         let (report, notes) = (controller.report, controller.notes);
-        Ok(Design { texts, bandwidth, step: trial.step, report, notes, operations, nominal, corners, noise })
+        let mut design =
+            Design { texts, bandwidth, step: trial.step, report, notes, operations, nominal, corners, noise };
+        design.notes.extend(design.drifts());
+        Ok(design)
     }
 }
 
@@ -413,6 +418,19 @@ impl Design {
     /// How long the nominal loop ran from the step on, s. Its figures are about its end.
     pub fn duration(&self) -> Option<f64> {
         self.nominal.as_ref().ok()?.1.times.last().copied()
+    }
+
+    /// That outputs which settle still drift at the end of the runs, so that figures of longer runs differ.
+    fn drifts(&self) -> Option<String> {
+        let worst = self.worst().or_else(|| self.followed().cloned())?;
+        if worst.settling.is_none() || worst.drift <= DRIFT {
+            return None;
+        }
+        let [part, duration] = [100.0 * worst.drift, self.duration()?].map(|value| number(three_digits(value)));
+        Some(format!(
+            "An output still drifts when the runs end, by up to {part} % of its step in the last third of {duration} s: in longer \
+             runs settling times, ends and peaks of controls differ."
+        ))
     }
 
     /// The worst of its loops in each respect; `None` where one failed.

@@ -55,7 +55,7 @@ pub fn add_runs<U: Deref<Target = Ready>>(
 }
 
 fn report_steps(steps: &Steps, if_wrong: Verdict, report: &mut DesignReport) {
-    let Steps { followed: Followed { settling, overshoot, off, peaks }, controls, duration, .. } = steps;
+    let Steps { followed: Followed { settling, overshoot, off, peaks, .. }, controls, duration, .. } = steps;
     let at_limit: Vec<_> = controls.iter().zip(peaks).filter(|((_, limit), peak)| **peak >= 0.999 * limit).collect();
     let limited = at_limit.iter().map(|((name, _), _)| name.as_str()).collect::<Vec<_>>().join(", ");
     match settling {

@@ -24,6 +24,8 @@ pub struct Followed {
     pub off: f64,
     /// The largest size of each control.
     pub peaks: Vec<f64>,
+    /// Change of an output over the last third of the run, in parts of its step.
+    pub drift: f64,
 }
 
 impl Course {
@@ -55,7 +57,15 @@ impl Course {
             all.iter().map(|one| one.as_ref()?.settling).try_fold(0.0, |latest, one| Some(f64::max(latest, one?)));
         let (overshoot, end) = all[i].map_or((0.0, f64::NAN), |one| (one.overshoot, one.end));
         let size = |u: &Vec<f64>| u.iter().map(|value| value.abs()).fold(0.0, f64::max);
-        Followed { settling, overshoot, off: (end - 1.0).abs(), peaks: self.controls.iter().map(size).collect() }
+        let peaks = self.controls.iter().map(size).collect();
+        Followed { settling, overshoot, off: (end - 1.0).abs(), peaks, drift: self.drift(sizes) }
+    }
+
+    fn drift(&self, sizes: &[f64]) -> f64 {
+        let [Some(first), Some(last)] = [self.times.first(), self.times.last()] else { return 0.0 };
+        let place = self.times.partition_point(|&time| time < first + (last - first) * 2.0 / 3.0);
+        let change = |(y, size): (&Vec<f64>, &f64)| ((y[y.len() - 1] - y[place]) / size).abs();
+        self.outputs.iter().zip(sizes).map(change).fold(0.0, f64::max)
     }
 
     /// The standard deviation of each control in the last half.
@@ -79,6 +89,7 @@ impl Followed {
             overshoot: self.overshoot.max(other.overshoot),
             off: self.off.max(other.off),
             peaks: self.peaks.into_iter().zip(&other.peaks).map(worse).collect(),
+            drift: self.drift.max(other.drift),
         }
     }
 }
@@ -117,11 +128,23 @@ mod tests {
     }
 
     #[test]
+    fn a_drift_is_what_an_output_moves_by_in_the_last_third() {
+        let mut course = lag();
+        assert!(course.followed(0, &[2.0]).drift < 2e-3);
+        for (time, y) in course.times.iter().zip(&mut course.outputs[0]) {
+            *y -= 0.03 * time / 10.0;
+        }
+        let followed = course.followed(0, &[2.0]);
+        assert!((followed.drift - 0.005).abs() < 2e-3 && followed.settling.is_some(), "{followed:?}");
+    }
+
+    #[test]
     fn the_worse_of_two_is_worse_in_each_respect() {
-        let one = Followed { settling: Some(1.0), overshoot: 0.2, off: 0.0, peaks: vec![1.0, 5.0] };
-        let other = Followed { settling: Some(2.0), overshoot: 0.1, off: 0.1, peaks: vec![2.0, 4.0] };
+        let one = Followed { settling: Some(1.0), overshoot: 0.2, off: 0.0, peaks: vec![1.0, 5.0], drift: 0.0 };
+        let other = Followed { settling: Some(2.0), overshoot: 0.1, off: 0.1, peaks: vec![2.0, 4.0], drift: 0.3 };
         let both = one.clone().or_worse(&other);
-        assert_eq!(both, Followed { settling: Some(2.0), overshoot: 0.2, off: 0.1, peaks: vec![2.0, 5.0] });
+        let worst = Followed { settling: Some(2.0), overshoot: 0.2, off: 0.1, peaks: vec![2.0, 5.0], drift: 0.3 };
+        assert_eq!(both, worst);
         assert_eq!(both.or_worse(&Followed { settling: None, ..one }).settling, None);
     }
 }
