@@ -34,7 +34,7 @@ const STEPS: i32 = 24;
 /// Duration of a run in settling times, or in 1/W if none is known.
 const LONGER: f64 = 3.0;
 const USUAL: f64 = 15.0;
-/// Change of an output over the last third of a run, in parts of its step, from which on it is said: a quarter of the band of settling.
+/// Change of an output over the last third of a run, in parts of its step, above which it drifts: a quarter of the band of settling.
 const DRIFT: f64 = 0.005;
 /// Longest run in the settling times that were asked for; a slower loop isn't run.
 const MOST: f64 = 30.0;
