@@ -415,12 +415,12 @@ impl Design {
         self.nominal.as_ref().ok().map(|(followed, _)| followed)
     }
 
-    /// How long the nominal loop ran from the step on, s. Its figures are about its end.
+    /// Duration of the nominal loop's run from the step on, s; settling and overshoot relate to its end.
     pub fn duration(&self) -> Option<f64> {
         self.nominal.as_ref().ok()?.1.times.last().copied()
     }
 
-    /// That outputs which settle still drift at the end of the runs, so that figures of longer runs differ.
+    /// A note if outputs that settle still drift at the end of the runs, so that figures of longer runs differ.
     fn drifts(&self) -> Option<String> {
         let worst = self.worst().or_else(|| self.followed().cloned())?;
         if worst.settling.is_none() || worst.drift <= DRIFT {
@@ -428,8 +428,8 @@ impl Design {
         }
         let [part, duration] = [100.0 * worst.drift, self.duration()?].map(|value| number(three_digits(value)));
         Some(format!(
-            "An output still drifts when the runs end, by up to {part} % of its step in the last third of {duration} s: in longer \
-             runs settling times, ends and peaks of controls differ."
+            "An output still drifts when the runs end, by up to {part} % of its step in the last third of {duration} s: settling \
+             times, ends and peaks of controls differ in longer runs (`run LOOP --until TIME`)."
         ))
     }
 
